@@ -1,0 +1,266 @@
+"""The vehicle profile: what one kind of drone weighs, lifts and how fast it answers, read from config/vehicles/*.yaml.
+
+A profile serves three readers: synthesis takes `thrust_max`, `lag` and `delay` from it, the wire conversion takes the
+linear thrust map, and the simulated drone takes everything.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar, cast, get_type_hints
+
+import numpy as np
+import yaml
+from numpy.typing import ArrayLike, NDArray
+
+from flatsat_ros.core.errors import FlatsatError
+
+FloatArray = NDArray[np.float64]
+T = TypeVar("T")
+
+PWM_FULL = 65535  # the 16-bit thrust command that stands for force_max
+
+
+def _require(ok: bool, name: str, value: object, valid: str) -> None:
+    """Raise FlatsatError unless ok."""
+    if not ok:
+        raise FlatsatError(f"{name} is {value}: valid is {valid}")
+
+
+def _positive(owner: object, *names: str) -> None:
+    """Require finite positive fields."""
+    for name in names:
+        value = getattr(owner, name)
+        _require(math.isfinite(value) and value > 0, name, value, "a finite number above 0")
+
+
+def _not_negative(owner: object, *names: str) -> None:
+    """Require finite fields of zero or more."""
+    for name in names:
+        value = getattr(owner, name)
+        _require(math.isfinite(value) and value >= 0, name, value, "a finite number of 0 or more")
+
+
+@dataclass(frozen=True, kw_only=True)
+class AttitudeResponse:
+    """One axis of the closed attitude loop: wn^2 / (tau_a s^3 + s^2 + 2 zeta wn s + wn^2).
+
+    Attributes:
+        natural_frequency: wn, rad/s.
+        damping: zeta, dimensionless.
+        actuator_lag: tau_a, s; 0 leaves a second-order response.
+    """
+
+    natural_frequency: float
+    damping: float
+    actuator_lag: float
+
+    def __post_init__(self) -> None:
+        _positive(self, "natural_frequency", "damping")
+        _not_negative(self, "actuator_lag")
+        bound = 2.0 * self.damping / self.natural_frequency  # Routh-Hurwitz: tau_a wn < 2 zeta
+        _require(self.actuator_lag < bound, "actuator_lag", self.actuator_lag, f"below {bound:.4g} s (a stable loop)")
+
+    @property
+    def mean_delay(self) -> float:
+        """2 zeta / wn, s: the mean of the impulse response, whatever tau_a is."""
+        return 2.0 * self.damping / self.natural_frequency
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dynamics:
+    """The identified response of the flying drone to its commands.
+
+    Attributes:
+        attitude: roll and pitch.
+        yaw: yaw.
+        attitude_gain: steady angle over commanded angle, roll and pitch.
+        thrust_gain: steady thrust over commanded thrust.
+        thrust_lag_up: first-order lag of rising thrust, s.
+        thrust_lag_down: first-order lag of falling thrust, s.
+        drag_xy: linear drag against horizontal air velocity, divided by the mass, 1/s.
+        drag_z: the same against vertical air velocity, 1/s.
+        dead_time: from a command's arrival to the first effect, s.
+    """
+
+    attitude: AttitudeResponse
+    yaw: AttitudeResponse
+    attitude_gain: float
+    thrust_gain: float
+    thrust_lag_up: float
+    thrust_lag_down: float
+    drag_xy: float
+    drag_z: float
+    dead_time: float
+
+    def __post_init__(self) -> None:
+        _positive(self, "attitude_gain", "thrust_gain", "thrust_lag_up", "thrust_lag_down")
+        _not_negative(self, "drag_xy", "drag_z", "dead_time")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motors:
+    """How the firmware turns a force into motor voltage, so that force is linear in PWM whatever the battery.
+
+    Attributes:
+        voltage_to_force: c0..c3 of one motor's force c0 + c1 U + c2 U^2 + c3 U^3, N/V^k, U the motor voltage.
+        force_min: one motor's smallest force, N; less is commanded as zero.
+        bits: resolution of the motor command.
+        idle_pwm: smallest motor command while armed, 0..65535.
+        arming_required: whether the drone flies only after an arming request.
+    """
+
+    voltage_to_force: tuple[float, float, float, float]
+    force_min: float
+    bits: int
+    idle_pwm: float
+    arming_required: bool
+
+    def __post_init__(self) -> None:
+        _not_negative(self, "force_min", "idle_pwm")
+        _, c1, c2, c3 = self.voltage_to_force
+        increasing = c3 > 0 and c1 > 0 and (c2 >= 0 or c2 * c2 < 3.0 * c1 * c3)
+        _require(increasing, "voltage_to_force", self.voltage_to_force, "a cubic that increases from 0 V on")
+        _require(1 <= self.bits <= 16, "bits", self.bits, "1 to 16")
+        _require(self.idle_pwm <= PWM_FULL, "idle_pwm", self.idle_pwm, f"at most {PWM_FULL}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatteryLimits:
+    """The voltages at which the firmware warns and switches off.
+
+    Attributes:
+        low_voltage: V, warning below it.
+        critical_voltage: V, shutdown below it.
+    """
+
+    low_voltage: float
+    critical_voltage: float
+
+    def __post_init__(self) -> None:
+        _positive(self, "low_voltage", "critical_voltage")
+        _require(
+            self.critical_voltage <= self.low_voltage,
+            "critical_voltage",
+            self.critical_voltage,
+            f"at most low_voltage, {self.low_voltage} V",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleProfile:
+    """One kind of drone.
+
+    Attributes:
+        name: the profile's name.
+        mass: take-off mass, kg.
+        force_max: total force at PWM 65535, N.
+        pwm_max: largest thrust command the firmware accepts, 0..65535.
+        dynamics: identified response.
+        motors: force to motor command.
+        battery: voltage limits.
+    """
+
+    name: str
+    mass: float
+    force_max: float
+    pwm_max: float
+    dynamics: Dynamics
+    motors: Motors
+    battery: BatteryLimits
+
+    def __post_init__(self) -> None:
+        _positive(self, "mass", "force_max", "pwm_max")
+        _require(self.pwm_max <= PWM_FULL, "pwm_max", self.pwm_max, f"at most {PWM_FULL}")
+        heaviest = self.mass * self.thrust_max / 9.81
+        _require(self.mass < heaviest, "mass", self.mass, f"below {heaviest:.4g} kg, which is all that the motors lift")
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> VehicleProfile:
+        """Read a profile from YAML.
+
+        Args:
+            path: a file like those in config/vehicles.
+
+        Raises:
+            FlatsatError: the file is no YAML mapping, a key is unknown or missing, or a value is out of its bounds.
+            OSError: the file cannot be read.
+        """
+        try:
+            content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise FlatsatError(f"{path} is not YAML: {error}") from error
+        try:
+            return _build(cls, content, "profile")
+        except FlatsatError as error:
+            raise FlatsatError(f"{path}: {error}") from error
+
+    @property
+    def thrust_max(self) -> float:
+        """Largest mass-normalised thrust, at pwm_max, m/s^2."""
+        return self.force_max * self.pwm_max / PWM_FULL / self.mass
+
+    @property
+    def lag(self) -> float:
+        """First-order lag tau of the achieved acceleration, s: the slowest of attitude (mean delay) and thrust."""
+        dynamics = self.dynamics
+        return max(dynamics.attitude.mean_delay, dynamics.thrust_lag_up, dynamics.thrust_lag_down)
+
+    @property
+    def delay(self) -> float:
+        """Dead time d on board, s; a radio and a motion capture add their own."""
+        return self.dynamics.dead_time
+
+    def pwm_from_thrust(self, thrust: ArrayLike) -> FloatArray:
+        """Return the thrust command of a mass-normalised thrust.
+
+        Args:
+            thrust: T, m/s^2, any shape.
+
+        Returns:
+            PWM of the same shape, linear and not clipped: T = thrust_max is pwm_max.
+        """
+        return np.asarray(thrust, dtype=np.float64) * (self.mass * PWM_FULL / self.force_max)
+
+    def thrust_from_pwm(self, pwm: ArrayLike) -> FloatArray:
+        """Return the mass-normalised thrust, m/s^2, of a thrust command: the inverse of pwm_from_thrust."""
+        return np.asarray(pwm, dtype=np.float64) * (self.force_max / (self.mass * PWM_FULL))
+
+
+def _build(cls: type[T], content: object, where: str) -> T:
+    """Build a dataclass from a YAML mapping with exactly its fields."""
+    if not isinstance(content, Mapping):
+        raise FlatsatError(f"{where} is {content!r}: valid is a mapping")
+    names = [field.name for field in dataclasses.fields(cast(Any, cls))]
+    unknown, missing = sorted(map(str, set(content) - set(names))), [name for name in names if name not in content]
+    if unknown or missing:
+        raise FlatsatError(f"{where} has unknown keys {unknown} and lacks {missing}: valid keys are {names}")
+    hints = get_type_hints(cls)
+    values = {name: _convert(hints[name], content[name], f"{where}.{name}") for name in names}
+    try:
+        return cls(**values)
+    except FlatsatError as error:
+        raise FlatsatError(f"{where}.{error}") from error
+
+
+def _convert(kind: Any, value: object, where: str) -> object:
+    """Check one YAML value against a field's type; integers serve as floats, nothing else is coerced."""
+    if dataclasses.is_dataclass(kind):
+        return _build(cast("type[object]", kind), value, where)
+    if kind in (str, bool, int):
+        _require(type(value) is kind, where, repr(value), f"of type {kind.__name__}")
+        return value
+    if kind is float:
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise FlatsatError(f"{where} is {value!r}: valid is a number (YAML reads 1.0e-3, but not 1e-3, as one)")
+        return float(value)
+    # the only remaining kind is a tuple of floats
+    length = len(kind.__args__)
+    if not isinstance(value, list) or len(value) != length:
+        raise FlatsatError(f"{where} is {value!r}: valid is a list of {length} numbers")
+    return tuple(_convert(float, item, f"{where}[{i}]") for i, item in enumerate(value))
