@@ -1,0 +1,61 @@
+# Everything runs from wheels in .venv, whatever ROS the shell has sourced: mixing the two loads libraries of both.
+PYTHON ?= python3
+BIN := .venv/bin
+REQUIREMENTS := requirements/requirements.txt
+SETUP := .venv/.done
+EXECUTABLES := install/flatsat_ros/lib/flatsat_ros
+SOURCED := . install/setup.sh &&
+ARGS ?=
+
+PYTHON_NOBLE ?= $(firstword $(wildcard $(HOME)/.pyenv/versions/3.12*/bin/python) $(shell command -v python3.12))
+NOBLE := .venv-noble
+NOBLE_REQUIREMENTS := requirements/noble.txt
+NOBLE_SETUP := $(NOBLE)/.done
+COMPILE := UV_CUSTOM_COMPILE_COMMAND="make requirements" uv pip compile --universal --no-annotate --upgrade --quiet
+
+unexport PYTHONPATH AMENT_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
+
+.PHONY: help setup build demo test test-noble bench lint certificates requirements clean
+
+help:  ## this list
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 16
+
+setup: $(SETUP)  ## .venv from pinned requirements; PYTHON=python3.12 chooses the interpreter
+
+$(SETUP): $(REQUIREMENTS)
+	@$(PYTHON) -c 'import sys; (3, 10) <= sys.version_info[:2] <= (3, 13) or sys.exit("flatsat_ros needs Python 3.10-3.13, $(PYTHON) is " + sys.version.split()[0] + ": make setup PYTHON=python3.12")'
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --disable-pip-version-check --requirement $(REQUIREMENTS)
+	touch $@
+
+build: setup  ## colcon build into install/
+	$(BIN)/colcon build --packages-select flatsat_ros
+
+demo: build  ## three simulated drones swap places; ARGS="--seconds 10" and so on
+	$(SOURCED) $(EXECUTABLES)/demo $(ARGS)
+
+test: build  ## every test, on what was installed; ARGS="-k swap" and so on
+	$(SOURCED) $(BIN)/pytest --numprocesses auto --dist loadgroup $(ARGS) test
+
+test-noble: $(NOBLE_SETUP)  ## core, synthesis and sim with the versions of Ubuntu 24.04
+	$(NOBLE)/bin/python -m pytest --numprocesses auto $(ARGS) test/core test/synthesis test/sim
+
+$(NOBLE_SETUP): $(NOBLE_REQUIREMENTS)
+	$(if $(PYTHON_NOBLE),,$(error test-noble needs Python 3.12: make test-noble PYTHON_NOBLE=/path/to/python3.12))
+	$(PYTHON_NOBLE) -m venv $(NOBLE)
+	$(NOBLE)/bin/python -m pip install --disable-pip-version-check --requirement $(NOBLE_REQUIREMENTS)
+	touch $@
+
+bench: build  ## the benchmark against solvers and a bare rclpy node
+	$(SOURCED) $(BIN)/python bench/run.py $(ARGS)
+
+lint: setup  ## ruff, and mypy --strict on core and synthesis
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+requirements:  ## pin the newest versions that fit requirements/*.in; needs uv
+	cd requirements && $(COMPILE) --python-version 3.10 requirements.in -o requirements.txt
+	cd requirements && $(COMPILE) --python-version 3.12 noble.in -o noble.txt
+
+clean:  ## remove what was built, not .venv
+	rm -rf build install log out .coverage .hypothesis .mypy_cache .pytest_cache .ruff_cache

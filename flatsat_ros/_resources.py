@@ -1,0 +1,47 @@
+"""The configuration that the package ships: where it lies, and how a user's argument becomes a path.
+
+Nobody but `cli` and `nodes` needs it; no ROS is involved, so that it works before anything is sourced.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from flatsat_ros.core.errors import FlatsatError
+
+
+def config_path(name_or_path: str, folder: str = "") -> Path:
+    """Find a YAML file by the name it has in the package or by the user's own path.
+
+    Args:
+        name_or_path: `paper_experiment` is looked up in the packaged configuration; what contains a path separator or
+            ends in `.yaml` is a path of the user's, relative to the working directory, `~` is the home folder.
+        folder: sub-folder of the packaged configuration in which a name is looked up, for example `vehicles`.
+
+    Returns:
+        The path of a file that exists.
+
+    Raises:
+        FlatsatError: there is no such file; the text lists the names that exist.
+    """
+    packaged = _config_folder() / folder
+    own = "/" in name_or_path or name_or_path.endswith(".yaml")
+    path = Path(name_or_path).expanduser() if own else packaged / f"{name_or_path}.yaml"
+    if path.is_file():
+        return path
+    names = ", ".join(sorted(file.stem for file in packaged.glob("*.yaml"))) or "none"
+    missing = f"there is no file {path}" if own else f"there is no packaged configuration {name_or_path!r}"
+    raise FlatsatError(f"{missing}; packaged in {packaged}: {names}; or give the path of a .yaml file")
+
+
+def _config_folder() -> Path:
+    """Folder config/ of the source tree (also behind a symlink or editable install), else of the share/ installed."""
+    package = Path(__file__).resolve().parent
+    source = package.parent
+    if (source / "package.xml").is_file():
+        return source / "config"
+    for prefix in package.parents:
+        share = prefix / "share" / package.name
+        if (share / "package.xml").is_file():
+            return share / "config"
+    raise FlatsatError(f"the configuration of flatsat_ros is missing: no share/{package.name} above {package}")

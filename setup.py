@@ -1,0 +1,39 @@
+"""Build of the ament_python package; the version stands in flatsat_ros/__init__.py, see setup.cfg."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+PACKAGE = "flatsat_ros"
+SHARE = Path("share", PACKAGE)
+
+
+def configuration() -> list[tuple[str, list[str]]]:
+    """Every folder under config/ with its YAML files, as setuptools wants data_files."""
+    folders = sorted({file.parent for file in Path("config").rglob("*.yaml")})
+    return [(str(SHARE / folder), sorted(map(str, folder.glob("*.yaml")))) for folder in folders]
+
+
+setup(
+    name=PACKAGE,
+    packages=find_packages(exclude=["test", "test.*"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (str(SHARE), ["package.xml"]),
+        *configuration(),
+    ],
+    python_requires=">=3.10",
+    # rclpy and the messages come from a sourced ROS 2 or from requirements/requirements.txt.
+    install_requires=["numpy", "pyyaml", "scipy", "cvxpy", "clarabel", "matplotlib", "tqdm", "rosbags"],
+    extras_require={"test": ["hypothesis", "pytest", "pytest-timeout", "pytest-xdist"]},
+    zip_safe=False,  # the configuration is found beside the package, as files
+    entry_points={
+        "console_scripts": [
+            "controller = flatsat_ros.nodes.controller:main",
+            "sim_drone = flatsat_ros.nodes.sim_drone:main",
+            "mocap_player = flatsat_ros.nodes.mocap_player:main",
+            "synthesize = flatsat_ros.cli.synthesize:main",
+            "demo = flatsat_ros.cli.demo:main",
+        ],
+    },
+)
