@@ -1,0 +1,111 @@
+"""The adaptive gain gamma: its law, its tuning per drone, and the bounds that hold for it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.flatness import FloatArray, finite_array
+from flatsat_ros.core.lyapunov import hold_contraction, require_positive
+
+
+@dataclass(frozen=True, eq=False)
+class Tuning:
+    """The adaptation of N drones, one entry each; scalars are spread over all drones.
+
+    Attributes:
+        adaptation_rate: mu >= 0, 1/s per unit of V; 0 keeps the gain constant.
+        threshold: V_inf > 0; the gain rests while V is at most this.
+        gain_initial: gamma_0, in [1, gain_max].
+        gain_max: cap of gamma, at least 1; from the certificate.
+
+    Raises:
+        FlatsatError: a value is out of its range, not finite, or the lengths differ.
+    """
+
+    adaptation_rate: FloatArray
+    threshold: FloatArray
+    gain_initial: FloatArray
+    gain_max: FloatArray
+
+    def __post_init__(self) -> None:
+        names = ("adaptation_rate", "threshold", "gain_initial", "gain_max")
+        arrays = [np.atleast_1d(finite_array(name, getattr(self, name))) for name in names]
+        try:
+            arrays = [np.array(array) for array in np.broadcast_arrays(*arrays)]
+        except ValueError as error:
+            raise FlatsatError(f"tuning: {error}; give one value for all drones or one for each") from error
+        for name, array in zip(names, arrays, strict=True):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        mu, v_inf, initial, cap = arrays
+        _require(mu >= 0.0, "adaptation_rate (mu)", mu, "must be at least 0")
+        _require(v_inf > 0.0, "threshold (V_inf)", v_inf, "must be above 0")
+        _require(cap >= 1.0, "gain_max", cap, "must be at least 1")
+        _require(
+            (initial >= 1.0) & (initial <= cap),
+            "gain_initial (gamma_0)",
+            initial,
+            f"must lie in [1, gain_max] = [1, {cap.min():.6g}]",
+        )
+
+
+def _require(holds: np.ndarray, name: str, values: FloatArray, valid: str) -> None:
+    if not holds.all():
+        raise FlatsatError(f"{name} = {values[~holds][0]:.6g}: {valid}")
+
+
+def adapt(gain: FloatArray, lyapunov: FloatArray, tuning: Tuning, period: float) -> FloatArray:
+    """Return the gain one period later: gamma+ = min(gamma + h mu sigma(V), gain_max), sigma(V) = max(V - V_inf, 0).
+
+    Forward Euler of the paper's eq. 19b with the certificate's cap; the gain never falls.
+    """
+    excess = np.maximum(lyapunov - tuning.threshold, 0.0)
+    return np.minimum(gain + period * tuning.adaptation_rate * excess, tuning.gain_max)
+
+
+def settling_time_bound(lyapunov_0: float, threshold: float, rate: float) -> float:
+    """Return t_inf, s, by when V is at most V_inf: ln(V(0)/V_inf)/alpha, 0 if it is already (paper, eq. 22)."""
+    require_positive("threshold (V_inf)", threshold, "")
+    return max(0.0, math.log(max(lyapunov_0, threshold) / threshold)) / require_positive("rate (alpha)", rate, "1/s")
+
+
+def continuous_gain_bound(gain_0: float, adaptation_rate: float, lyapunov_0: float, threshold: float, rate: float) -> float:
+    """Return a bound of gamma for all time under the continuous law, from V(0) in the invariant set.
+
+    gamma_0 + mu [ (V(0)/alpha)(1 - exp(-alpha t_inf)) - V_inf t_inf ]: the paper's eq. 21 with the sign of its V_inf term
+    corrected.
+    """
+    settling = settling_time_bound(lyapunov_0, threshold, rate)
+    area = lyapunov_0 / rate * -math.expm1(-rate * settling) - threshold * settling
+    return gain_0 + adaptation_rate * max(0.0, area)
+
+
+def sampled_gain_bound(
+    gain_0: float, adaptation_rate: float, lyapunov_0: float, threshold: float, block: ArrayLike, period: float
+) -> float:
+    """Return a bound of gamma for all time under the sampled law (zero-order hold, forward Euler), inf if there is none.
+
+    While gamma <= G every step contracts V at least by q(G), the worst over applied gains in [1, G], so
+    gamma <= gamma_0 + mu h sum_j max(0, q^j V(0) - V_inf) as long as that sum stays below G. The smallest such G found
+    by iterating upward from gamma_0 is a bound by induction over the steps. Holds where applied gains are at least 1,
+    that is on the invariant set.
+    """
+    block = np.asarray(block, dtype=np.float64)
+    slowest = hold_contraction(block, period, 1.0)
+    bound = gain_0
+    for _ in range(1000):
+        contraction = max(slowest, hold_contraction(block, period, bound))
+        if contraction >= 1.0:
+            break
+        count = 0 if lyapunov_0 <= threshold else math.ceil(math.log(threshold / lyapunov_0) / math.log(contraction))
+        excess = np.maximum(lyapunov_0 * contraction ** np.arange(count) - threshold, 0.0)
+        following = gain_0 + adaptation_rate * period * float(excess.sum())
+        if following <= bound * (1.0 + 1e-12):
+            return following
+        bound = following
+    return math.inf

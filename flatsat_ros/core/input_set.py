@@ -1,0 +1,238 @@
+"""The input set V_c: the accelerations a quadcopter can produce within its thrust and tilt limits.
+
+    V_c = { v : |v + g e3| <= T_max, |(v1, v2)| <= tan(eps_max) (v3 + g), v3 + g >= T_min }
+
+a ball cut by an upright cone with its apex at free fall (arXiv 2308.15177, eq. 8; the half-space of T_min is ours).
+Everything here is exact up to rounding: the saturation factor is the reciprocal of the gauge (Minkowski functional) of
+V_c, not the candidate list of the paper's eq. 11, whose maximum may lie outside V_c (docs/mathematics.md).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.flatness import FloatArray, finite_array
+
+# How far outside V_c, relative to the limits, a base point may lie by rounding alone.
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True)
+class InputSet:
+    """The set V_c of one vehicle.
+
+    Attributes:
+        thrust_max: T_max, m/s^2, thrust normalised by the mass; above gravity.
+        tilt_max: eps_max, rad, in (0, pi/2).
+        gravity: g, m/s^2.
+        thrust_min: T_min, m/s^2, in [0, gravity).
+
+    Raises:
+        FlatsatError: 0 would not be an interior point of V_c (the drone could not hover), or a limit is not finite.
+    """
+
+    thrust_max: float
+    tilt_max: float
+    gravity: float = 9.81
+    thrust_min: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("thrust_max", "tilt_max", "gravity", "thrust_min"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, (int, float, np.floating)) or not math.isfinite(value):
+                raise FlatsatError(f"{name} = {value!r}: must be a finite number")
+            object.__setattr__(self, name, float(value))
+        if self.gravity <= 0.0:
+            raise FlatsatError(f"gravity = {self.gravity} m/s^2: must be above 0")
+        if self.thrust_max <= self.gravity:
+            raise FlatsatError(
+                f"thrust_max = {self.thrust_max} m/s^2 cannot hover: must be above gravity = {self.gravity} m/s^2"
+            )
+        if not 0.0 < self.tilt_max < math.pi / 2:
+            raise FlatsatError(f"tilt_max = {self.tilt_max} rad: must lie in (0, pi/2) = (0, {math.pi / 2:.6f})")
+        if not 0.0 <= self.thrust_min < self.gravity:
+            raise FlatsatError(f"thrust_min = {self.thrust_min} m/s^2: must lie in [0, gravity) = [0, {self.gravity})")
+
+    def contains(self, v: ArrayLike, tolerance: float = _ROUNDING) -> np.ndarray:
+        """Tell which accelerations lie in (1 + tolerance) V_c.
+
+        Args:
+            v: (..., 3) acceleration, m/s^2, world frame.
+            tolerance: relative; 0 asks for gauge(v) <= 1 as computed.
+
+        Returns:
+            (...) booleans.
+
+        Raises:
+            FlatsatError: the shape is wrong or an entry is not finite.
+        """
+        return np.asarray(self.gauge(v) <= 1.0 + tolerance)
+
+    def gauge(self, v: ArrayLike) -> FloatArray:
+        """Return the gauge psi(v) = min { t >= 0 : v in t V_c }.
+
+        It is at most 1 exactly on V_c, positively homogeneous and convex. Relative error a few units in the last
+        place for |v| from 1e-300 to 1e300 m/s^2.
+
+        Args:
+            v: (..., 3) acceleration, m/s^2, world frame.
+
+        Returns:
+            (...) dimensionless.
+
+        Raises:
+            FlatsatError: the shape is wrong or an entry is not finite (NaN and infinity have no direction).
+        """
+        return self._gauge_of_finite(finite_array("v", v, 3))
+
+    def _gauge_of_finite(self, v: FloatArray) -> FloatArray:
+        g = self.gravity
+        scale, v1, v2, v3 = _scaled(v)
+        horizontal = np.hypot(v1, v2)
+        cone = (horizontal * math.cos(self.tilt_max) - v3 * math.sin(self.tilt_max)) / (g * math.sin(self.tilt_max))
+        floor = v3 / (self.thrust_min - g)
+        square = horizontal * horizontal + v3 * v3
+        room = (self.thrust_max - g) * (self.thrust_max + g)
+        root = g * np.abs(v3) + np.sqrt(g * g * v3 * v3 + square * room)
+        # the branch without cancellation: root / room going up, square / root going down
+        sphere = np.where(v3 >= 0.0, root / room, square / np.where(root > 0.0, root, 1.0))
+        return np.asarray(np.maximum(np.maximum(cone, floor), sphere) * scale)
+
+    def saturate(self, v: ArrayLike) -> FloatArray:
+        """Return the longest vector of V_c in the direction of v and no longer than v: sat(v) = v / max(1, psi(v)).
+
+        Args:
+            v: (..., 3) acceleration, m/s^2, world frame.
+
+        Returns:
+            (..., 3) in V_c, v itself where v is in V_c.
+
+        Raises:
+            FlatsatError: the shape is wrong or an entry is not finite.
+        """
+        v = finite_array("v", v, 3)
+        return v / np.maximum(1.0, self._gauge_of_finite(v))[..., np.newaxis]
+
+    def exit_factor(self, base: ArrayLike, v: ArrayLike) -> FloatArray:
+        """Return the largest factor lambda with base + lambda v in V_c; infinite where v = 0.
+
+        At base 0 it is 1 / gauge(v). The reference's acceleration is the base when a trajectory is tracked.
+
+        Args:
+            base: (..., 3) point of V_c, m/s^2, world frame.
+            v: (..., 3) direction, m/s^2, world frame, broadcast against base.
+
+        Returns:
+            (...) dimensionless, at least 0.
+
+        Raises:
+            FlatsatError: a shape is wrong, an entry is not finite, or a base lies outside V_c.
+        """
+        base = finite_array("base", base, 3)
+        v = finite_array("v", v, 3)
+        outside = self.margin(base) < -_ROUNDING * self.thrust_max
+        if outside.any():
+            worst = base.reshape(-1, 3)[int(np.argmin(self.margin(base).ravel()))]
+            raise FlatsatError(
+                f"base = {worst.tolist()} m/s^2 lies outside the input set by {-float(self.margin(worst)):.6g} m/s^2: "
+                "it must be inside"
+            )
+        return self._exit_of_finite(base, v)
+
+    def _exit_of_finite(self, base: FloatArray, v: FloatArray) -> FloatArray:
+        g, limit = self.gravity, self.thrust_max
+        scale, v1, v2, v3 = _scaled(v)
+        p1, p2, up = base[..., 0], base[..., 1], base[..., 2] + g
+        horizontal = v1 * v1 + v2 * v2
+        along = p1 * v1 + p2 * v2
+        radius = np.hypot(p1, p2)
+        thrust = np.hypot(radius, up)
+        slope = math.tan(self.tilt_max)
+        reach = slope * up
+
+        a, b, c = horizontal + v3 * v3, along + up * v3, np.maximum((limit - thrust) * (limit + thrust), 0.0)
+        sphere = _reciprocal_root(a, b, c, b * b + a * c)
+
+        a, b = horizontal - slope * slope * v3 * v3, along - slope * reach * v3
+        c = np.maximum((reach - radius) * (reach + radius), 0.0)
+        # b^2 + a c with its equal terms cancelled by hand
+        turn, m1, m2 = p1 * v2 - p2 * v1, up * v1 - v3 * p1, up * v2 - v3 * p2
+        cone = _reciprocal_root(a, b, c, np.maximum(slope * slope * (m1 * m1 + m2 * m2) - turn * turn, 0.0))
+
+        with np.errstate(divide="ignore", over="ignore"):
+            floor = np.where(v3 < 0.0, -v3 / np.maximum(up - self.thrust_min, 0.0), 0.0)
+            return np.asarray(1.0 / (np.maximum(np.maximum(sphere, cone), floor) * scale))
+
+    def margin(self, v: ArrayLike) -> FloatArray:
+        """Return the distance from v to the boundary of V_c, the radius of the largest ball around v inside V_c.
+
+        The function is concave, so its minimum over control points bounds it over their convex hull.
+
+        Args:
+            v: (..., 3) acceleration, m/s^2, world frame.
+
+        Returns:
+            (...) m/s^2; negative outside V_c (there it is no longer a distance).
+
+        Raises:
+            FlatsatError: the shape is wrong or an entry is not finite.
+        """
+        v = finite_array("v", v, 3)
+        radius, up = np.hypot(v[..., 0], v[..., 1]), v[..., 2] + self.gravity
+        cone = up * math.sin(self.tilt_max) - radius * math.cos(self.tilt_max)
+        return np.asarray(np.minimum(np.minimum(cone, self.thrust_max - np.hypot(radius, up)), up - self.thrust_min))
+
+    @property
+    def inner_radius(self) -> float:
+        """Radius r_in of the largest ball around 0 in V_c, m/s^2: min(g sin eps_max, T_max - g, g - T_min)."""
+        return min(
+            self.gravity * math.sin(self.tilt_max), self.thrust_max - self.gravity, self.gravity - self.thrust_min
+        )
+
+    @property
+    def inner_box(self) -> FloatArray:
+        """Half-widths (3,), m/s^2, of the largest-volume box |v_i| <= vbar_i in V_c with vbar_1 = vbar_2.
+
+        Of height z it is bounded by the cone at its lower corners, s <= tan(eps)(g - z), and by the sphere at its upper
+        corners, s^2 <= T^2 - (g + z)^2, with s = sqrt(2) vbar_1. Both volumes s^2 z are log-concave in z, so the largest
+        lies at the maximum of one of them, where the bounds cross, or at the T_min bound.
+        """
+        g, limit, slope = self.gravity, self.thrust_max, math.tan(self.tilt_max)
+
+        def square(z: float) -> float:
+            return min((slope * (g - z)) ** 2, (limit - g - z) * (limit + g + z))
+
+        a, b, c = 1.0 + slope * slope, g * (1.0 - slope * slope), g * g * (1.0 + slope * slope) - limit * limit
+        heights = [g / 3.0, (-2.0 * g + math.sqrt(g * g + 3.0 * limit * limit)) / 3.0, g - self.thrust_min]
+        if b * b >= a * c:
+            heights += [(-b + math.sqrt(b * b - a * c)) / a, (-b - math.sqrt(b * b - a * c)) / a]
+        valid = [z for z in heights if 0.0 < z <= min(g - self.thrust_min, limit - g)]
+        height = max(valid, key=lambda z: square(z) * z)
+        half_width = math.sqrt(square(height) / 2.0)
+        return np.array([half_width, half_width, height])
+
+
+def _scaled(v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Split v into its largest absolute entry and the entries divided by it, so that squares cannot over- or underflow."""
+    scale = np.abs(v).max(axis=-1)
+    divisor = np.where(scale > 0.0, scale, 1.0)
+    return scale, v[..., 0] / divisor, v[..., 1] / divisor, v[..., 2] / divisor
+
+
+def _reciprocal_root(a: FloatArray, b: FloatArray, c: FloatArray, discriminant: FloatArray) -> FloatArray:
+    """Return 1/l for the smallest l > 0 with a l^2 + 2 b l - c = 0, c >= 0; 0 where there is none.
+
+    With D the root of the discriminant b^2 + a c, the two forms (b + D)/c and a/(D - b) are equal; each is used where it
+    does not cancel. c = 0 is a base on the boundary: the exit is immediate unless the direction points inward (b < 0)
+    or along a ruling (a <= 0 = b).
+    """
+    root = np.sqrt(discriminant)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        outward = np.where(c > 0.0, (b + root) / c, np.where((b > 0.0) | (a > 0.0), np.inf, 0.0))
+        inward = np.maximum(a, 0.0) / (root - b)
+    return np.asarray(np.where(b >= 0.0, outward, inward))

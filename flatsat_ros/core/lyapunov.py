@@ -1,0 +1,164 @@
+"""The Lyapunov matrix of the saturated law in closed form, and what a zero-order hold does to it.
+
+Per axis the double integrator has the state (p, pdot), A = [[0, 1], [0, 0]], B = (0, 1), and with a 2x2 block P the
+controller applies v = -k B'P x with a gain k. Every matrix of the three axes is the Kronecker product of its block
+with the 3x3 identity.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.flatness import FloatArray
+
+_A = np.array([[0.0, 1.0], [0.0, 0.0]])
+_B = np.array([[0.0], [1.0]])
+
+# Pieces of the hold interval in the between-samples check: enough for a tight certificate to verify.
+_PIECES = 8
+
+
+def require_positive(name: str, value: float, unit: str) -> float:
+    """Return value as a float, refusing what is not a finite number above 0."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.floating)) or not 0.0 < value < math.inf:
+        raise FlatsatError(f"{name} = {value!r} {unit}: must be a finite number above 0")
+    return float(value)
+
+
+def closed_form_block(rate: float) -> FloatArray:
+    """Return the block P(alpha) for which the nominal condition Q A' + A Q - 2 B B' + alpha Q <= 0 is tight.
+
+    P = [[alpha^3/2, alpha^2/2], [alpha^2/2, alpha]]; along the closed loop V' = -alpha V + 2 (1 - k) |B'P xi|^2 exactly.
+
+    Args:
+        rate: alpha, 1/s.
+
+    Returns:
+        (2, 2), V = x'P x with position in m and velocity in m/s.
+
+    Raises:
+        FlatsatError: rate is not a finite number above 0.
+    """
+    a = require_positive("rate (alpha)", rate, "1/s")
+    return np.array([[a**3 / 2.0, a**2 / 2.0], [a**2 / 2.0, a]])
+
+
+def decay_residual(block: FloatArray, rate: float) -> float:
+    """Return the largest eigenvalue of A'P + P A - 2 P B B'P + alpha P, relative to alpha P: at most 0 if V' <= -alpha V.
+
+    This is the paper's condition Q A' + A Q - 2 B B' <= -alpha Q, multiplied by P from both sides.
+    """
+    residual = _A.T @ block + block @ _A - 2.0 * block @ _B @ _B.T @ block + rate * block
+    return _largest_relative_eigenvalue(residual, rate * block)
+
+
+def hold_transition(block: FloatArray, period: float, gain: float) -> FloatArray:
+    """Return the (2, 2) transition matrix over one period with v = -k B'P x held constant."""
+    state = np.array([[1.0, period], [0.0, 1.0]])
+    command = np.array([[period**2 / 2.0], [period]])
+    return np.asarray(state - gain * command @ (_B.T @ block))
+
+
+def hold_contraction(block: FloatArray, period: float, gain: float) -> float:
+    """Return the largest V(x+)/V(x) over one period with the command held constant (zero-order hold), gain k.
+
+    The ratio is convex in k, so over an interval of gains the larger of the two end values bounds it.
+    """
+    step = hold_transition(block, period, gain)
+    return _largest_relative_eigenvalue(step.T @ block @ step, block)
+
+
+def hold_growth(block: FloatArray, period: float, gain: float) -> float:
+    """Return an upper bound of the largest relative growth of V, (V(t) - V(0))/(t/h V(0)), for 0 < t <= period.
+
+    With the command held, V(t) - V(0) is x' S(t) x with a matrix polynomial S(t) of degree 4 and S(0) = 0. S(t)/t is
+    written in the Bernstein basis of each piece of [0, h]; its coefficients' largest eigenvalue bounds it on the piece.
+    At most 0 proves that V grows nowhere within the period; at the gain limit the bound is tight at t = h.
+    """
+    a, b = _A, gain * _B @ (_B.T @ block)
+    # x(t) = (I + t M1 + t^2 M2) x(0)
+    m1, m2 = a - b, -a @ b / 2.0
+    powers = np.array(
+        [
+            m1.T @ block + block @ m1,
+            m2.T @ block + m1.T @ block @ m1 + block @ m2,
+            m2.T @ block @ m1 + m1.T @ block @ m2,
+            m2.T @ block @ m2,
+        ]
+    ) * period ** np.arange(1.0, 5.0).reshape(4, 1, 1)
+    edges = np.linspace(0.0, 1.0, _PIECES + 1)
+    return max(
+        _largest_relative_eigenvalue(coefficient, block)
+        for start, end in zip(edges[:-1], edges[1:], strict=True)
+        for coefficient in bernstein_coefficients(powers, float(start), float(end))
+    )
+
+
+def bernstein_coefficients(powers: FloatArray, start: float, end: float) -> FloatArray:
+    """Return the Bernstein coefficients on [start, end] of the polynomial sum_i powers[i] t^i.
+
+    The polynomial's values on the interval lie in the convex hull of the coefficients.
+
+    Args:
+        powers: (n + 1, ...) coefficients of t^0, t^1, ..., t^n.
+        start: left end of the interval.
+        end: right end of the interval.
+
+    Returns:
+        (n + 1, ...).
+    """
+    degree = len(powers) - 1
+    shifted = [
+        sum(math.comb(i, j) * start ** (i - j) * powers[i] for i in range(j, degree + 1)) * (end - start) ** j
+        for j in range(degree + 1)
+    ]
+    return np.array(
+        [
+            sum(math.comb(i, j) / math.comb(degree, j) * shifted[j] for j in range(i + 1))
+            for i in range(degree + 1)
+        ]
+    )
+
+
+def hold_gain_interval(rate: float, period: float) -> tuple[float, float]:
+    """Return the gains (k-, k+) between which V does not increase under a zero-order hold, at and between samples.
+
+    Exact for the closed-form block and for any gain that varies from sample to sample: with s = alpha h,
+    k+- = [2 + s/2 +- sqrt(4 - 2 s)] / [2 s (1 + s/16)]. A shorter hold has a wider interval, so what holds at the
+    sample holds between samples too (docs/mathematics.md).
+
+    Args:
+        rate: alpha, 1/s.
+        period: h, s.
+
+    Returns:
+        (k-, k+), dimensionless.
+
+    Raises:
+        FlatsatError: alpha h is too large for any gain of at least 1.
+    """
+    s = require_positive("rate (alpha)", rate, "1/s") * require_positive("period (h)", period, "s")
+    if s >= 2.0:
+        raise FlatsatError(
+            f"rate * period = {s:.6g}: no gain keeps V from growing; must be below 2 "
+            f"(for this rate a period below {2.0 / rate:.6g} s)"
+        )
+    root = math.sqrt(4.0 - 2.0 * s)
+    scale = 2.0 * s * (1.0 + s / 16.0)
+    upper = (2.0 + s / 2.0 + root) / scale
+    if upper < 1.0:
+        raise FlatsatError(
+            f"rate * period = {s:.6g}: the gain cap would be {upper:.6g}, below the smallest gain 1; "
+            "choose a shorter period or a smaller rate"
+        )
+    # (2 + s/2)^2 - (4 - 2 s) = 4 s (1 + s/16): the small root without cancellation
+    return 2.0 / (2.0 + s / 2.0 + root), upper
+
+
+def _largest_relative_eigenvalue(matrix: FloatArray, metric: FloatArray) -> float:
+    """Return max x'M x / x'P x over x for a symmetric M and a positive definite P."""
+    factor = np.linalg.inv(np.linalg.cholesky(metric))
+    return float(np.linalg.eigvalsh(factor @ matrix @ factor.T)[-1])

@@ -1,0 +1,142 @@
+"""One tick of N drones: estimate, reference, law, flight mode, command. The node and the simulation run this same code."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flatsat_ros.core.certificate import Certificate
+from flatsat_ros.core.controller import Controller, Memory, Output
+from flatsat_ros.core.estimator import Estimator
+from flatsat_ros.core.flatness import FloatArray
+from flatsat_ros.core.gain import Tuning
+from flatsat_ros.core.reference import References, Trajectory
+from flatsat_ros.core.supervisor import Mode, Policy, next_mode
+
+# yaw is held by turning back in proportion to its error, 1/s, at most this fast, rad/s
+_YAW_GAIN = 1.5
+_YAW_RATE_MAX = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Tick:
+    """The outcome of one tick for N drones.
+
+    Attributes:
+        mode: (N,) values of `Mode`.
+        input: (N, 3) commanded (T, phi, theta): m/s^2, rad, rad; zero thrust in UNLOCK and CUT, level in LEVEL.
+        yaw_rate: (N,) commanded psi rate, rad/s, counter-clockwise.
+        output: the law's output; it is the command in FLY only.
+        reference: (N, 9) position, velocity, acceleration.
+    """
+
+    mode: FloatArray
+    input: FloatArray
+    yaw_rate: FloatArray
+    output: Output
+    reference: FloatArray
+
+
+class Pilot:
+    """Flies N drones of one certificate.
+
+    Attributes:
+        mode: (N,) flight modes of the last tick.
+        memory: the controller's gains.
+        estimator: the drones' estimates.
+    """
+
+    def __init__(self, certificate: Certificate, tuning: Tuning, policy: Policy, count: int) -> None:
+        """Start with all drones idle; tuning has one entry a drone or one for all."""
+        self.certificate = certificate
+        self.policy = policy
+        self.estimator = Estimator(count)
+        self.mode = np.full(count, Mode.IDLE)
+        self._references = References(count)
+        self._since = np.full(count, -np.inf)
+        self._requested = np.zeros(count, dtype=bool)
+        self._last_tick = -np.inf
+        self._level = np.array([policy.level_thrust * certificate.limits.gravity, 0.0, 0.0])
+        self._controller = Controller(certificate, _spread(tuning, count))
+        self.memory = self._controller.start()
+
+    def retune(self, tuning: Tuning) -> None:
+        """Take a new tuning from the next tick on. Gains stay where they are, below the new cap."""
+        controller = Controller(self.certificate, _spread(tuning, len(self.mode)))
+        self._controller = controller
+        self.memory = Memory(np.minimum(self.memory.gain, controller.tuning.gain_max))
+
+    def refer(self, index: int, trajectory: Trajectory) -> None:
+        """Give drone index a new reference; it takes off if it rests.
+
+        Raises:
+            FlatsatError: the reference leaves no margin inside the input set.
+        """
+        trajectory.require_margin(self.certificate.limits)
+        self._references.assign(index, trajectory)
+        self._requested[index] = True
+
+    def measure(
+        self, index: int, stamp: float, position: Sequence[float], quaternion: Sequence[float], now: float
+    ) -> bool:
+        """Store a pose of drone index; see `Estimator.measure`."""
+        return self.estimator.measure(index, stamp, position, quaternion, now)
+
+    def tick(self, now: float) -> Tick:
+        """Compute all commands at time now, s; called once per period of the certificate."""
+        if now < self._last_tick:
+            self.estimator.restart()
+        self._last_tick = now
+        state = self.estimator.estimate(now)
+        usable = self.estimator.usable(now, self.policy.pose_timeout)
+        self._advance_modes(now, usable, state[:, 2])
+
+        reference = self._references.sample(now)
+        memory, output = self._controller.step(self.memory, state, self.estimator.yaw, reference)
+        flying = self.mode == Mode.FLY
+        self.memory = Memory(np.where(flying, memory.gain, self.memory.gain))
+
+        error = self._references.yaw - self.estimator.yaw
+        turn = np.clip(_YAW_GAIN * (np.mod(error + np.pi, 2.0 * np.pi) - np.pi), -_YAW_RATE_MAX, _YAW_RATE_MAX)
+        if flying.all():
+            command, acceleration, yaw_rate = output.input, output.acceleration, turn
+        else:
+            level = self.mode == Mode.LEVEL
+            command = np.where(flying[:, np.newaxis], output.input, np.where(level[:, np.newaxis], self._level, 0.0))
+            acceleration = np.where(flying[:, np.newaxis], output.acceleration, 0.0)
+            acceleration[level, 2] = self._level[0] - self.certificate.limits.gravity
+            yaw_rate = np.where(flying, turn, 0.0)
+        self.estimator.command(now, acceleration)
+        return Tick(self.mode.copy(), command, yaw_rate, output, reference)
+
+    def last_input(self) -> FloatArray:
+        """Return the inputs (N, 3) to leave behind on shutdown: level and sinking for drones in the air, else zero."""
+        airborne = (self.mode == Mode.FLY) | (self.mode == Mode.LEVEL)
+        return np.where(airborne[:, np.newaxis], self._level, 0.0)
+
+    def _advance_modes(self, now: float, usable: np.ndarray, height: FloatArray) -> None:
+        for i in np.flatnonzero((self.mode != Mode.FLY) | ~usable):
+            before = Mode(self.mode[i])
+            after = next_mode(
+                before,
+                now - self._since[i],
+                requested=bool(self._requested[i]),
+                usable=bool(usable[i]),
+                height=float(height[i]),
+                policy=self.policy,
+            )
+            if after is before:
+                continue
+            self.mode[i], self._since[i] = after, now
+            if after is Mode.CUT:
+                self._requested[i] = False
+            elif after is Mode.FLY and before is not Mode.LEVEL:
+                self.memory.gain[i] = self._controller.tuning.gain_initial[i]
+
+
+def _spread(tuning: Tuning, count: int) -> Tuning:
+    """Return the tuning with one entry a drone."""
+    columns = (tuning.adaptation_rate, tuning.threshold, tuning.gain_initial, tuning.gain_max)
+    return Tuning(*(np.broadcast_to(column, (count,)) for column in columns))

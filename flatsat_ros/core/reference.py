@@ -1,0 +1,204 @@
+"""References: where each drone should be, with velocity and acceleration, at any time.
+
+A trajectory is given by points with position, velocity and acceleration; between them it is the quintic polynomial
+that meets all three at both ends, so a B-spline of degree 5 sampled at its knots comes back exactly.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.flatness import FloatArray, finite_array
+from flatsat_ros.core.input_set import InputSet
+from flatsat_ros.core.lyapunov import bernstein_coefficients
+
+# A trajectory must end at rest up to this speed (m/s) and acceleration (m/s^2): its last position is then held.
+_REST = 1e-3
+
+# Each segment's acceleration, a cubic, is bounded by the control points of this many pieces.
+_PIECES = 8
+
+_POWERS = np.arange(6)
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A twice continuously differentiable path of one drone.
+
+    Attributes:
+        times: (M,) s, increasing, absolute or relative as the user of the trajectory decides.
+        coefficients: (M - 1, 6, 3); the position in segment i is sum_j coefficients[i, j] (t - times[i])^j, m.
+        yaw: psi to hold, rad.
+    """
+
+    times: FloatArray
+    coefficients: FloatArray
+    yaw: float = 0.0
+
+    @classmethod
+    def through(
+        cls, times: ArrayLike, positions: ArrayLike, velocities: ArrayLike, accelerations: ArrayLike, yaw: float = 0.0
+    ) -> Trajectory:
+        """Join points by quintic segments.
+
+        Args:
+            times: (M,) s, strictly increasing, M >= 1.
+            positions: (M, 3) m, world frame.
+            velocities: (M, 3) m/s.
+            accelerations: (M, 3) m/s^2.
+            yaw: rad.
+
+        Raises:
+            FlatsatError: shapes differ, a value is not finite, times do not increase, or the last point is not at rest.
+        """
+        t = finite_array("times", times)
+        points = [
+            finite_array(name, value, 3)
+            for name, value in (
+                ("positions", positions), ("velocities", velocities), ("accelerations", accelerations),
+            )
+        ]  # fmt: skip
+        if t.ndim != 1 or t.size == 0 or any(p.shape != (t.size, 3) for p in points):
+            raise FlatsatError(
+                f"times {t.shape}, positions, velocities, accelerations {[p.shape for p in points]}: "
+                "must be (M,) and three times (M, 3) with M >= 1"
+            )
+        span = np.diff(t)
+        if (span <= 0.0).any():
+            index = int(np.argmax(span <= 0.0))
+            raise FlatsatError(f"times[{index + 1}] = {t[index + 1]} follows {t[index]}: times must increase strictly")
+        for name, point, unit in (("velocity", points[1][-1], "m/s"), ("acceleration", points[2][-1], "m/s^2")):
+            if float(np.linalg.norm(point)) > _REST:
+                raise FlatsatError(
+                    f"the last point has {name} {point.tolist()} {unit}: a trajectory must end at rest "
+                    f"(below {_REST} {unit})"
+                )
+        if not math.isfinite(yaw):
+            raise FlatsatError(f"yaw = {yaw}: must be finite, rad")
+        return cls(t, _quintic(span, *points) if span.size else _at_rest(points[0][0]), float(yaw))
+
+    @classmethod
+    def hold(cls, position: ArrayLike, yaw: float = 0.0) -> Trajectory:
+        """Return the set-point: stay at position (3,), m, from any time on."""
+        return cls.through([0.0], [finite_array("position", position, 3)], np.zeros((1, 3)), np.zeros((1, 3)), yaw)
+
+    def shifted(self, offset: float) -> Trajectory:
+        """Return the same path offset seconds later."""
+        return Trajectory(self.times + offset, self.coefficients, self.yaw)
+
+    def segment(self, t: float) -> tuple[FloatArray, float, float]:
+        """Return the segment active at t: coefficients (6, 3), their time origin, and the time until which it serves."""
+        if t < self.times[0]:
+            return _at_rest(self.coefficients[0, 0])[0], float(self.times[0]), float(self.times[0])
+        if self.times.size == 1 or t >= self.times[-1]:
+            return _at_rest(self.end)[0], float(self.times[-1]), math.inf
+        index = int(np.searchsorted(self.times, t, side="right")) - 1
+        return self.coefficients[index], float(self.times[index]), float(self.times[index + 1])
+
+    @property
+    def end(self) -> FloatArray:
+        """The last position (3,), m, held after the end."""
+        if self.times.size == 1:
+            return np.asarray(self.coefficients[0, 0])
+        return np.asarray(np.power(self.times[-1] - self.times[-2], _POWERS) @ self.coefficients[-1])
+
+    def sample(self, t: float) -> FloatArray:
+        """Return position, velocity and acceleration (9,) at t; before the start and after the end it rests."""
+        coefficients, origin, _ = self.segment(t)
+        return evaluate(coefficients[np.newaxis], np.array([t - origin]))[0]
+
+    def margin(self, limits: InputSet) -> tuple[float, float]:
+        """Return a lower bound of the acceleration's distance to the boundary of the input set, and where it is reached.
+
+        The acceleration of each piece lies in the convex hull of its Bernstein control points and the distance is a
+        concave function, so the smallest over the control points is a bound for all times.
+
+        Returns:
+            The margin, m/s^2 (negative: the set is left, or the bound is too coarse to exclude it), and the time, s, at
+            which the piece that has it begins.
+        """
+        smallest, when = float(limits.margin(np.zeros(3))), float(self.times[0])
+        edges = np.linspace(0.0, 1.0, _PIECES + 1)
+        scale = np.array([2.0, 6.0, 12.0, 20.0]).reshape(4, 1)
+        for start, span, c in zip(self.times, np.diff(self.times), self.coefficients, strict=False):
+            powers = c[2:] * scale * np.power(span, np.arange(4.0)).reshape(4, 1)
+            for left, right in zip(edges[:-1], edges[1:], strict=True):
+                margin = float(limits.margin(bernstein_coefficients(powers, float(left), float(right))).min())
+                if margin < smallest:
+                    smallest, when = margin, float(start + left * span)
+        return smallest, when
+
+    def require_margin(self, limits: InputSet) -> None:
+        """Refuse a path whose acceleration may reach the boundary of the input set: no authority would be left to steer.
+
+        Raises:
+            FlatsatError: names the time and by how much.
+        """
+        margin, when = self.margin(limits)
+        if margin <= 0.0:
+            raise FlatsatError(
+                f"the reference's acceleration comes within {margin:.4g} m/s^2 of the input limits at t = {when:.4g} s: "
+                "the margin must be above 0; fly it slower"
+            )
+
+
+class References:
+    """The current references of N drones, evaluated together."""
+
+    def __init__(self, count: int) -> None:
+        self._trajectories: list[Trajectory | None] = [None] * count
+        self._coefficients = np.zeros((count, 6, 3))
+        self._origin = np.zeros(count)
+        self._until = np.full(count, np.inf)
+        self.yaw = np.zeros(count)
+
+    def assign(self, index: int, trajectory: Trajectory) -> None:
+        """Give drone index a new reference, in force from the next sample on."""
+        self._trajectories[index] = trajectory
+        self._until[index] = -np.inf
+        self.yaw[index] = trajectory.yaw
+
+    def assigned(self) -> np.ndarray:
+        """Tell which drones have a reference, (N,)."""
+        return np.array([trajectory is not None for trajectory in self._trajectories], dtype=bool)
+
+    def sample(self, t: float) -> FloatArray:
+        """Return position, velocity and acceleration of all drones at t, (N, 9); zero without a reference."""
+        for index in np.flatnonzero(t >= self._until):
+            trajectory = self._trajectories[index]
+            if trajectory is not None:
+                self._coefficients[index], self._origin[index], self._until[index] = trajectory.segment(t)
+        return evaluate(self._coefficients, t - self._origin)
+
+
+def evaluate(coefficients: FloatArray, t: FloatArray) -> FloatArray:
+    """Evaluate N quintics (N, 6, 3) at N times: position, velocity, acceleration, (N, 9)."""
+    powers = np.power(t[:, np.newaxis], _POWERS)
+    basis = np.zeros((len(t), 3, 6))
+    basis[:, 0, :] = powers
+    basis[:, 1, 1:] = powers[:, :5] * _POWERS[1:]
+    basis[:, 2, 2:] = powers[:, :4] * (_POWERS[2:] * _POWERS[1:5])
+    return np.asarray((basis @ coefficients).reshape(len(t), 9))
+
+
+def _at_rest(position: FloatArray) -> FloatArray:
+    coefficients = np.zeros((1, 6, 3))
+    coefficients[0, 0] = position
+    return coefficients
+
+
+def _quintic(span: FloatArray, p: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+    """Return the coefficients (M - 1, 6, 3) that meet p, v, a at both ends of each segment."""
+    d = span[:, np.newaxis]
+    jump_p = p[1:] - p[:-1] - d * v[:-1] - d**2 / 2.0 * a[:-1]
+    jump_v = v[1:] - v[:-1] - d * a[:-1]
+    jump_a = a[1:] - a[:-1]
+    c3 = (10.0 * jump_p - 4.0 * d * jump_v + d**2 / 2.0 * jump_a) / d**3
+    c4 = (-15.0 * jump_p + 7.0 * d * jump_v - d**2 * jump_a) / d**4
+    c5 = (6.0 * jump_p - 3.0 * d * jump_v + d**2 / 2.0 * jump_a) / d**5
+    return np.stack([p[:-1], v[:-1], a[:-1] / 2.0, c3, c4, c5], axis=1)

@@ -1,0 +1,78 @@
+"""Flight modes: when a drone is steered, when it is levelled and when its motors rest. A pure state machine.
+
+    IDLE --reference, estimate--> UNLOCK (on the ground) --unlock time--> FLY <--> LEVEL --level time--> CUT
+      |                                                                   ^                              |
+      +-------------------------- reference, estimate, in the air --------+     UNLOCK <--new reference--+
+
+IDLE is silent, so that starting the controller never takes a drone away from whoever flies it. A command is computed
+from poses in FLY only. In LEVEL, when the estimate is not usable, the drone is kept level and sinks slowly; with poses
+back in time it flies on. CUT stops the motors and stays until the user gives a new reference.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from flatsat_ros.core.lyapunov import require_positive
+
+
+class Mode(IntEnum):
+    """What is done with one drone."""
+
+    IDLE = 0
+    UNLOCK = 1
+    FLY = 2
+    LEVEL = 3
+    CUT = 4
+
+
+@dataclass(frozen=True)
+class Policy:
+    """The figures of the state machine.
+
+    Attributes:
+        pose_timeout: age, s, above which a pose is stale and the drone is levelled.
+        level_time: s of level descent without poses before the motors are cut.
+        unlock_time: s of zero thrust that open the firmware's thrust lock before take-off.
+        ground_height: m, world frame: a drone below it is taken to stand on the ground when its reference arrives.
+        level_thrust: thrust while levelled, as a fraction of gravity, so that it sinks slowly.
+
+    Raises:
+        FlatsatError: a time or the fraction is not above 0.
+    """
+
+    pose_timeout: float = 0.3
+    level_time: float = 3.0
+    unlock_time: float = 0.3
+    ground_height: float = 0.15
+    level_thrust: float = 0.95
+
+    def __post_init__(self) -> None:
+        for name, unit in (("pose_timeout", "s"), ("level_time", "s"), ("unlock_time", "s"), ("level_thrust", "g")):
+            require_positive(name, getattr(self, name), unit)
+
+
+def next_mode(mode: Mode, elapsed: float, *, requested: bool, usable: bool, height: float, policy: Policy) -> Mode:
+    """Return the mode that follows.
+
+    Args:
+        mode: the present one.
+        elapsed: s since it began.
+        requested: a reference was given since the motors were last cut.
+        usable: the estimate can be flown on.
+        height: estimated z, m.
+        policy: the figures.
+    """
+    if mode is Mode.FLY:
+        return Mode.FLY if usable else Mode.LEVEL
+    if mode is Mode.LEVEL:
+        if usable:
+            return Mode.FLY
+        return Mode.CUT if elapsed >= policy.level_time else Mode.LEVEL
+    if not (requested and usable):
+        return Mode.IDLE if mode is Mode.UNLOCK else mode
+    if mode is Mode.UNLOCK:
+        return Mode.FLY if elapsed >= policy.unlock_time else Mode.UNLOCK
+    in_the_air = mode is Mode.IDLE and height >= policy.ground_height
+    return Mode.FLY if in_the_air else Mode.UNLOCK
