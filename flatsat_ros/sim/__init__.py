@@ -1,4 +1,15 @@
-"""The drone that is not there: dynamics, firmware behaviour, sensors and wind.
+"""The drone that is not there: dynamics, Crazyflie firmware behaviour, motors, wind, motion capture; numpy, no ROS.
 
-It knows `core` and no other room; it speaks SI units and no ROS: `nodes.sim_drone` puts it behind topics.
+Wire-level set-points go in, poses come out:
+
+    fleet   command(...) -> firmware -> power train -> body -> motion capture -> measurements(t)
+
+Modelled: the rules by which the firmware gives and takes away thrust, motor commands in steps, battery, identified
+attitude and thrust response, drag, wind with gusts, floor. Left out: ground effect, downwash and collisions between
+drones, the drone's own state estimate (the attitude it controls is the true one) and everything the high-level
+commander does except falling silent.
 """
+
+from flatsat_ros.sim.fleet import SimulatedFleet
+
+__all__ = ["SimulatedFleet"]

@@ -1,0 +1,238 @@
+"""Bodies in the air: N drones in one vectorised state, an ideal and an identified response to thrust and attitude.
+
+Attitude is ZYX Euler angles (roll, pitch, yaw), body -> world = Rz(psi) Ry(theta) Rx(phi), rad; world ENU, body FLU.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flatsat_ros.core.flatness import acceleration_from_input
+from flatsat_ros.core.vehicle import AttitudeResponse, Dynamics
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+STEP = 0.002  # s: 500 Hz, the rate of the firmware's attitude loop
+GRAVITY = 9.81  # m/s^2
+# rad/s^2: an axis nobody controls, two pairs of motors 2 % apart at hover (0.002 N at 0.06 m on 1.7e-5 kg m^2)
+UNBALANCE = 7.0
+STANDING = 0.5  # cosine of the largest tilt that the legs catch at touch-down, 60 degrees
+
+
+class Response(Protocol):
+    """How thrust and attitude follow their commands.
+
+    Attributes:
+        drag: (3,) linear drag against air velocity, world frame, 1/s.
+    """
+
+    drag: FloatArray
+
+    def thrust(self, thrust: FloatArray, command: FloatArray) -> FloatArray:
+        """Return the (N,) thrust, m/s^2, one STEP later."""
+
+    def attitude(self, attitude: FloatArray, command: FloatArray) -> FloatArray:
+        """Return the (3, N, 3) attitude one STEP later; command (3, N), rad."""
+
+
+class Ideal:
+    """The double integrator of the theorems: the commanded thrust and attitude are there at once, and no drag."""
+
+    def __init__(self) -> None:
+        self.drag = np.zeros(3)
+
+    def thrust(self, thrust: FloatArray, command: FloatArray) -> FloatArray:
+        """Return the command."""
+        return command
+
+    def attitude(self, attitude: FloatArray, command: FloatArray) -> FloatArray:
+        """Return the command, at rest."""
+        return np.stack([command, np.zeros_like(command), np.zeros_like(command)], axis=-1)
+
+
+class Identified:
+    """Third-order attitude, first-order thrust, linear drag: the linear parts are discretised exactly."""
+
+    def __init__(self, dynamics: Dynamics) -> None:
+        self.drag = np.array([dynamics.drag_xy, dynamics.drag_xy, dynamics.drag_z])
+        self._thrust_gain = dynamics.thrust_gain
+        self._keep_up = np.exp(-STEP / dynamics.thrust_lag_up)
+        self._keep_down = np.exp(-STEP / dynamics.thrust_lag_down)
+        axes = [(dynamics.attitude, dynamics.attitude_gain)] * 2 + [(dynamics.yaw, 1.0)]
+        steps = [_attitude_step(response, gain) for response, gain in axes]
+        self._transition = np.stack([a.T for a, _ in steps])  # (3, 3, 3), for row vectors
+        self._input = np.stack([b for _, b in steps])[:, None, :]  # (3, 1, 3)
+
+    def thrust(self, thrust: FloatArray, command: FloatArray) -> FloatArray:
+        """Return the lagged thrust."""
+        goal = self._thrust_gain * command
+        return goal + (thrust - goal) * np.where(goal > thrust, self._keep_up, self._keep_down)
+
+    def attitude(self, attitude: FloatArray, command: FloatArray) -> FloatArray:
+        """Return the filtered attitude."""
+        return attitude @ self._transition + self._input * command[:, :, None]
+
+
+def _attitude_step(response: AttitudeResponse, gain: float) -> tuple[FloatArray, FloatArray]:
+    """Return the zero-order-hold transition (3, 3) and input (3,) of (angle, rate, acceleration) over STEP."""
+    wn, zeta, tau = response.natural_frequency, response.damping, response.actuator_lag
+    block = np.zeros((4, 4))  # [[A, B], [0, 0]]
+    block[0, 1] = 1.0
+    highest = np.array([-wn * wn, -2.0 * zeta * wn, -1.0, gain * wn * wn])
+    if tau > 0:
+        block[1, 2] = 1.0
+        block[2] = highest / tau
+    else:
+        block[1] = highest
+        block[1, 2] = 0.0
+    exponential = _matrix_exponential(block * STEP)
+    return exponential[:3, :3], exponential[:3, 3]
+
+
+def _matrix_exponential(matrix: FloatArray) -> FloatArray:
+    """Return exp(matrix) by scaling, a Taylor series, and squaring."""
+    halvings = max(0, int(np.ceil(np.log2(max(np.linalg.norm(matrix), 1e-300)))) + 3)
+    scaled = matrix / 2.0**halvings
+    result = term = np.eye(len(matrix))
+    for order in range(1, 16):
+        term = term @ scaled / order
+        result = result + term
+    return np.linalg.matrix_power(result, 2**halvings)
+
+
+@dataclass(frozen=True)
+class Wind:
+    """The air of the room, the same for all its drones: a constant and first-order Gauss-Markov gusts.
+
+    Attributes:
+        mean: (3,) air velocity, world frame, m/s.
+        gust: standard deviation of the gusts per axis, m/s.
+        gust_time: correlation time of the gusts, s.
+    """
+
+    mean: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gust: float = 0.0
+    gust_time: float = 1.0
+
+    def next_gust(self, gust: FloatArray, generator: np.random.Generator) -> FloatArray:
+        """Return the (3,) deviation from the mean one STEP later, m/s; exact for any STEP."""
+        if self.gust == 0.0:
+            return gust
+        keep = np.exp(-STEP / self.gust_time)
+        return keep * gust + self.gust * np.sqrt(1.0 - keep * keep) * generator.standard_normal(3)
+
+
+class Bodies:
+    """N drones above a floor.
+
+    Attributes:
+        position: (N, 3) m, world.
+        velocity: (N, 3) m/s, world.
+        acceleration: (N, 3) m/s^2, world; 0 on the floor.
+        attitude: (3, N, 3) axis (roll, pitch, yaw) by drone by (rad, rad/s, rad/s^2); yaw is not wrapped.
+        thrust: (N,) achieved thrust divided by the mass, m/s^2.
+        grounded: (N,) on the floor.
+        capsized: (N,) fell over at touch-down and lies there.
+    """
+
+    def __init__(self, response: Response, position: ArrayLike, yaw: ArrayLike, thrust: float, floor: float) -> None:
+        self._response = response
+        self._floor = floor
+        self.position = np.array(position, dtype=np.float64)
+        count = len(self.position)
+        self.velocity = np.zeros((count, 3))
+        self.acceleration = np.zeros((count, 3))
+        self.attitude = np.zeros((3, count, 3))
+        self.attitude[2, :, 0] = yaw
+        self.thrust = np.full(count, thrust)
+        self.grounded = self.position[:, 2] <= floor
+        self.position[self.grounded, 2] = floor
+        self.capsized = np.zeros(count, dtype=bool)
+        # v' = c - D v has v(t) = v e^(-D t) + c f1 and p(t) = p + v f1 + c f2; without drag f1 = t and f2 = t^2 / 2
+        drag = response.drag
+        moving = np.where(drag > 0, drag, 1.0)
+        self._keep = np.exp(-drag * STEP)
+        self._f1 = np.where(drag > 0, -np.expm1(-drag * STEP) / moving, STEP)
+        self._f2 = np.where(drag > 0, (STEP - self._f1) / moving, 0.5 * STEP**2)
+
+    @property
+    def angles(self) -> FloatArray:
+        """(N, 3) roll, pitch, yaw, rad."""
+        return self.attitude[:, :, 0].T
+
+    @property
+    def quaternion(self) -> FloatArray:
+        """(N, 4) x, y, z, w; body -> world."""
+        (cr, cp, cy), (sr, sp, sy) = np.cos(self.attitude[..., 0] / 2), np.sin(self.attitude[..., 0] / 2)
+        x = sr * cp * cy - cr * sp * sy
+        y = cr * sp * cy + sr * cp * sy
+        z = cr * cp * sy - sr * sp * cy
+        w = cr * cp * cy + sr * sp * sy
+        return np.stack([x, y, z, w], axis=-1)
+
+    @property
+    def specific_force(self) -> FloatArray:
+        """(N, 3) what the accelerometer reads, body frame, g: (0, 0, 1) standing on the floor."""
+        force = self.acceleration / GRAVITY + (0.0, 0.0, 1.0)
+        x, y, z = force.T
+        (cr, cp, cy), (sr, sp, sy) = np.cos(self.attitude[..., 0]), np.sin(self.attitude[..., 0])
+        x, y = cy * x + sy * y, cy * y - sy * x  # into the frame turned by yaw, then by pitch, then by roll
+        x, z = cp * x - sp * z, sp * x + cp * z
+        y, z = cr * y + sr * z, cr * z - sr * y
+        return np.stack([x, y, z], axis=-1)
+
+    def step(self, thrust: FloatArray, angles: FloatArray, wind: FloatArray) -> None:
+        """Advance by STEP.
+
+        Args:
+            thrust: (N,) commanded thrust, m/s^2.
+            angles: (3, N) commanded roll, pitch, yaw, rad; NaN for an axis that nobody controls.
+            wind: (3,) air velocity, world frame, m/s.
+        """
+        before = self.attitude
+        self.thrust = self._response.thrust(self.thrust, thrust)
+        self.attitude = self._next_attitude(angles)
+
+        u = np.stack([self.thrust, self.attitude[0, :, 0], self.attitude[1, :, 0]], axis=-1)
+        pushed = acceleration_from_input(u, self.attitude[2, :, 0], GRAVITY) + self._response.drag * wind
+        self.position = self.position + self.velocity * self._f1 + pushed * self._f2
+        self.velocity = self.velocity * self._keep + pushed * self._f1
+        self.acceleration = pushed - self._response.drag * self.velocity
+        self._touch_floor(before)
+
+    def _next_attitude(self, command: FloatArray) -> FloatArray:
+        """Return the attitude one STEP later: controlled, or drifting away where the command is NaN."""
+        lost = np.isnan(command)
+        if not lost.any():
+            return self._response.attitude(self.attitude, command)
+        angle, rate, _ = np.moveaxis(self.attitude, -1, 0)
+        turn = np.full_like(angle, UNBALANCE)
+        drift = np.stack([angle + rate * STEP, rate + UNBALANCE * STEP, turn], axis=-1)
+        controlled = self._response.attitude(self.attitude, np.where(lost, 0.0, command))
+        return np.where(lost[..., None], drift, controlled)
+
+    def _touch_floor(self, before: FloatArray) -> None:
+        """Stop what touches the floor: it does not sink, slide or turn; upright it stands level, else it lies."""
+        falling = (self.position[:, 2] <= self._floor) & (self.velocity[:, 2] <= 0.0)
+        self.grounded = falling | self.capsized
+        if not self.grounded.any():
+            return
+        upright = np.cos(self.attitude[0, :, 0]) * np.cos(self.attitude[1, :, 0])
+        self.capsized = self.capsized | (falling & (upright < STANDING))
+        down = self.grounded
+        self.position[down, 2] = self._floor
+        self.velocity[down] = 0.0
+        self.acceleration[down] = 0.0
+        self.attitude[:, down, 0] = before[:, down, 0]
+        self.attitude[:, down, 1:] = 0.0
+        self.attitude[:2, down & ~self.capsized, 0] = 0.0
+
+    def set_upright(self, index: int) -> None:
+        """Put a drone that lies on the floor back on its feet."""
+        self.capsized[index] = False
+        self.attitude[:2, index, 0] = 0.0

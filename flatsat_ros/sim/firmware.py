@@ -1,0 +1,337 @@
+"""The Crazyflie firmware's rules on when thrust is given and taken away, for N drones at once.
+
+A restatement of bitcraze/crazyflie-firmware, release 2026.08; the file and function behind each rule stand beside it.
+Time is given from outside in integer milliseconds, as the firmware's own ticks; nothing here knows a clock.
+
+Not modelled: deck faults, motor speed checks (bidirectional DSHOT only), the emergency stop watchdog, the parameters
+of flightmode other than stabModeYaw, crash detection by acceleration (off by default), the high-level commander's flight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.vehicle import PWM_FULL, VehicleProfile
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+SUPERVISOR_PERIOD = 40  # ms; stabilizer_types.h RATE_SUPERVISOR, 25 Hz
+THRUST_MIN = 1000  # PWM; crtp_commander_rpyt.c MIN_THRUST
+LEVEL_OUT_AGE = 500  # ms; supervisor.c COMMANDER_WDT_TIMEOUT_STABILIZE
+SHUTDOWN_AGE = 2000  # ms; supervisor.c COMMANDER_WDT_TIMEOUT_SHUTDOWN
+FLYING_HYSTERESIS = 2000  # ms; supervisor.c IS_FLYING_HYSTERESIS_THRESHOLD
+PREFLIGHT_TIMEOUT = 30000  # ms; platform_defaults.h PREFLIGHT_TIMEOUT_MS
+LANDING_TIMEOUT = 3000  # ms; platform_defaults.h LANDING_TIMEOUT_MS
+FREE_FALL = 0.1  # g; supervisor.c isTumbledCheck
+TILTED, TILTED_TIME = 0.5, 1000  # g, ms; platform_defaults.h SUPERVISOR_TUMBLE_CHECK_ACCEPTED_TILT_*
+UPSIDE_DOWN, UPSIDE_DOWN_TIME = -0.2, 100  # g, ms; platform_defaults.h SUPERVISOR_TUMBLE_CHECK_ACCEPTED_UPSIDEDOWN_*
+BATTERY_TIME = 5000  # ms; platform_defaults_cf2.h DEFAULT_BAT_LOW_DURATION_TO_TRIGGER_SEC
+NEVER = -(10**9)  # ms; an event that has not happened
+
+
+class State(IntEnum):
+    """supervisor_state_machine.h supervisorState_t."""
+
+    NOT_INITIALIZED = 0
+    PREFLIGHT_NOT_PASSED = 1
+    PREFLIGHT_PASSED = 2
+    ARMING = 3
+    READY_TO_FLY = 4
+    FLYING = 5
+    LANDED = 6
+    RESET = 7
+    LEVEL_OUT = 8
+    FREE_FALL = 9
+    LOCKED = 10
+    CRASHED = 11
+
+
+# stabilizer.c stabilizerTask: in any other state the set-point is nulled (supervisor.c supervisorCanFly)
+CAN_FLY = (State.READY_TO_FLY, State.FLYING, State.LEVEL_OUT, State.LANDED)
+# supervisor.c supervisorAreMotorsAllowedToRun, and postTransitionActions: any other state disarms
+MOTORS_ALLOWED = (State.ARMING, *CAN_FLY)
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What the supervisor decides on; (N,) each."""
+
+    armed: BoolArray
+    flying: BoolArray
+    tumbled: BoolArray
+    silent: BoolArray
+    link_lost: BoolArray
+    emergency: BoolArray
+    crashed: BoolArray
+    preflight_over: BoolArray
+    landing_over: BoolArray
+
+
+# supervisor_state_machine.c transitionLists: of the rows of a state the first that holds is taken
+TRANSITIONS: tuple[tuple[State, State, Callable[[Conditions], BoolArray]], ...] = (
+    (State.NOT_INITIALIZED, State.PREFLIGHT_NOT_PASSED, lambda c: np.ones_like(c.armed)),
+    (State.PREFLIGHT_NOT_PASSED, State.FREE_FALL, lambda c: c.emergency),
+    (State.PREFLIGHT_NOT_PASSED, State.PREFLIGHT_PASSED, lambda c: ~c.tumbled),
+    (State.PREFLIGHT_PASSED, State.FREE_FALL, lambda c: c.emergency),
+    (State.PREFLIGHT_PASSED, State.PREFLIGHT_NOT_PASSED, lambda c: c.tumbled),
+    (State.PREFLIGHT_PASSED, State.ARMING, lambda c: c.armed),
+    (State.ARMING, State.FREE_FALL, lambda c: c.emergency),
+    (State.ARMING, State.PREFLIGHT_NOT_PASSED, lambda c: c.tumbled | ~c.armed),
+    (State.ARMING, State.READY_TO_FLY, lambda c: np.ones_like(c.armed)),
+    (State.READY_TO_FLY, State.FREE_FALL, lambda c: c.emergency),
+    (State.READY_TO_FLY, State.PREFLIGHT_NOT_PASSED, lambda c: c.tumbled | c.preflight_over | ~c.armed),
+    (State.READY_TO_FLY, State.FLYING, lambda c: c.flying),
+    (State.FLYING, State.FREE_FALL, lambda c: c.link_lost | c.emergency),
+    (State.FLYING, State.CRASHED, lambda c: c.tumbled),
+    (State.FLYING, State.RESET, lambda c: ~c.armed),
+    (State.FLYING, State.LEVEL_OUT, lambda c: c.silent),
+    (State.FLYING, State.LANDED, lambda c: ~c.flying),
+    (State.LANDED, State.RESET, lambda c: c.landing_over | ~c.armed),
+    (State.LANDED, State.FLYING, lambda c: c.flying),
+    (State.RESET, State.PREFLIGHT_NOT_PASSED, lambda c: np.ones_like(c.armed)),
+    (State.LEVEL_OUT, State.FREE_FALL, lambda c: c.link_lost | c.tumbled | c.emergency),
+    (State.LEVEL_OUT, State.FLYING, lambda c: ~c.silent & ~c.link_lost),
+    (State.FREE_FALL, State.LOCKED, lambda c: np.ones_like(c.armed)),
+    (State.CRASHED, State.PREFLIGHT_NOT_PASSED, lambda c: ~c.crashed & ~c.tumbled),
+    (State.CRASHED, State.LOCKED, lambda c: c.emergency),
+)
+
+
+def next_state(state: IntArray, conditions: Conditions) -> IntArray:
+    """Return the (N,) supervisor states that follow; each drone makes at most one transition."""
+    following = state.copy()
+    waiting = np.ones(len(state), dtype=bool)
+    for origin, target, holds in TRANSITIONS:
+        taken = waiting & (state == origin)
+        if taken.any():
+            taken &= holds(conditions)
+            following[taken] = target
+            waiting &= ~taken
+    return following
+
+
+class Firmware:
+    """The memory of N drones' firmware and the events that change it.
+
+    Attributes:
+        state: (N,) State.
+        thrust_locked: (N,) waiting for a packet with thrust 0.
+        armed, emergency, crashed, tumbled: (N,) flags of the supervisor.
+        battery_low, powered: (N,) of the power management.
+    """
+
+    def __init__(self, profile: VehicleProfile, count: int, *, absolute_yaw: bool = False) -> None:
+        """Boot.
+
+        Args:
+            profile: the drones' kind.
+            count: N.
+            absolute_yaw: flightmode.stabModeYaw 1: the yaw value of a packet is an angle, not a rate.
+        """
+        self._profile = profile
+        self._auto_arming = not profile.motors.arming_required
+        self._absolute_yaw = absolute_yaw
+        self.state = np.zeros(count, dtype=np.int64)
+        self.thrust_locked, self.armed, self.emergency, self.crashed, self.tumbled, self.battery_low, self.powered = (
+            np.zeros((7, count), dtype=bool)
+        )
+        # the low-level set-point: roll, pitch (rad), yaw (rad, or rad/s counter-clockwise), thrust (PWM)
+        self._setpoint = np.zeros((4, count))
+        self._yaw_goal = np.zeros(count)  # rad; controller_pid.c attitudeDesired.yaw
+        self._lost = np.zeros((3, count), dtype=bool)  # axes whose PID integral is NaN
+        self._silenced = np.zeros(count, dtype=bool)  # the high-level commander owns the set-point
+        # times, ms
+        self._received, self._thrusting, self._tilted, self._ready, self._landed, self._not_low, self._not_critical = (
+            np.zeros((7, count), dtype=np.int64)
+        )
+        for index in range(count):
+            self.reboot(index, 0)
+
+    def reboot(self, index: int, now: int) -> None:
+        """Switch a drone off and on."""
+        for flags in (self.armed, self.emergency, self.crashed, self.tumbled, self.battery_low):
+            flags[index] = False
+        self.powered[index] = True
+        self.state[index] = State.NOT_INITIALIZED
+        self.thrust_locked[index] = True  # crtp_commander_rpyt.c, initial value
+        self._silenced[index] = True  # planner.c plan_init: the planner starts out stopped
+        self._setpoint[:, index] = 0.0
+        self._lost[:, index] = False
+        for times in (self._received, self._thrusting, self._tilted, self._ready, self._landed):
+            times[index] = NEVER
+        self._not_low[index] = self._not_critical[index] = now
+
+    def start_flying(self, thrust: float) -> None:
+        """Begin in the air: every drone armed, unlocked and flying level with this thrust, PWM, since time 0."""
+        self.armed[:] = True
+        self.state[:] = State.FLYING
+        self.thrust_locked[:] = self._silenced[:] = False
+        self._setpoint[3] = thrust
+        self._received[:] = self._thrusting[:] = 0
+
+    def receive(self, index: int, roll: float, pitch: float, yaw: float, thrust: float, now: int) -> None:
+        """Decode a set-point packet: crtp_commander_rpyt.c crtpCommanderRpytDecodeSetpoint.
+
+        Args:
+            index: the receiver.
+            roll: deg, positive toward -y.
+            pitch: deg, positive toward +x (the packet itself carries its negative).
+            yaw: deg/s positive clockwise, the legacy sign; with absolute_yaw deg positive counter-clockwise.
+            thrust: 0..65535. Fractions, which the packet cannot carry, are kept: the motors round more coarsely.
+            now: ms.
+
+        Angles are not checked for NaN, here as there.
+
+        Raises:
+            FlatsatError: the thrust does not fit the packet.
+        """
+        if not 0.0 <= thrust <= PWM_FULL:
+            raise FlatsatError(f"thrust is {thrust}: valid is 0 to {PWM_FULL}")
+        if not self.powered[index]:
+            return
+        if thrust == 0.0:
+            self.thrust_locked[index] = False
+        ignored = self.thrust_locked[index] or thrust < THRUST_MIN
+        accepted = 0.0 if ignored else min(thrust, self._profile.pwm_max)
+        angles = np.deg2rad((roll, pitch, yaw if self._absolute_yaw else -yaw))
+        self._setpoint[:3, index] = np.where(np.isfinite(angles), angles, np.nan)
+        self._setpoint[3, index] = accepted
+        self._received[index] = now
+        self._silenced[index] = False
+
+    def notify_setpoints_stop(self, index: int) -> None:
+        """Hand over to the high-level commander, which has nothing to do and sends null set-points.
+
+        crtp_commander.c notifySetpointsStopDecoder, crtp_commander_high_level.c crtpCommanderHighLevelGetSetpoint.
+        """
+        self._silenced[index] = True
+        self._setpoint[:, index] = 0.0
+
+    def request_arming(self, index: int, arm: bool) -> bool:
+        """Arm or disarm; False if refused: supervisor.c supervisorRequestArming."""
+        if arm and not self.armed[index] and self.state[index] != State.PREFLIGHT_PASSED:
+            return False
+        self.armed[index] = arm
+        return True
+
+    def request_emergency(self, index: int) -> None:
+        """Stop until reboot: crtp_supervisor.c handleSupervisorCommand, CMD_EMERGENCY_STOP."""
+        self.emergency[index] = True
+
+    def request_recovery(self, index: int) -> bool:
+        """Leave the crashed state; False while still tumbled: supervisor.c supervisorRequestCrashRecovery."""
+        if self.crashed[index] and self.tumbled[index]:
+            return False
+        self.crashed[index] = False
+        return True
+
+    def supervise(self, now: int, specific_force: FloatArray, ratio: FloatArray, voltage: FloatArray) -> None:
+        """Run the supervisor once, every SUPERVISOR_PERIOD: supervisor.c supervisorUpdate.
+
+        Args:
+            now: ms.
+            specific_force: (N, 3) accelerometer, body frame, g.
+            ratio: (N,) motor command, 0..1.
+            voltage: (N,) battery, V.
+        """
+        self._manage_power(now, voltage)
+        self._received[self._silenced & np.isin(self.state, CAN_FLY)] = now
+        self._check_tumbled(now, specific_force)
+        # isFlyingCheck: a motor above idle, or that not longer ago than the hysteresis
+        self._thrusting[ratio * PWM_FULL > self._profile.motors.idle_pwm] = now
+        age = now - self._received
+        conditions = Conditions(
+            armed=self.armed,
+            flying=now - self._thrusting < FLYING_HYSTERESIS,
+            tumbled=self.tumbled,
+            silent=age > LEVEL_OUT_AGE,
+            link_lost=age > SHUTDOWN_AGE,
+            emergency=self.emergency,
+            crashed=self.crashed,
+            preflight_over=now - self._ready > PREFLIGHT_TIMEOUT,
+            landing_over=now - self._landed > LANDING_TIMEOUT,
+        )
+        state = next_state(self.state, conditions)
+        entered = state != self.state
+        self.state = state
+        # postTransitionActions
+        self._ready[entered & (state == State.READY_TO_FLY)] = now
+        self._landed[entered & (state == State.LANDED)] = now
+        self.crashed[entered & (state == State.CRASHED)] = True
+        self.armed &= ~entered | np.isin(state, MOTORS_ALLOWED)
+        if self._auto_arming:
+            self.armed |= entered & (state == State.PREFLIGHT_PASSED)
+
+    def _check_tumbled(self, now: int, force: FloatArray) -> None:
+        """Tilted for long or upside down for a moment; free fall is fine: supervisor.c isTumbledCheck."""
+        tilted = force[:, 2] < TILTED
+        restart = ~tilted | (np.abs(force) < FREE_FALL).all(axis=1) | (self._tilted == NEVER)
+        self._tilted[restart] = now
+        tilted_for = now - self._tilted
+        self._tilted[~tilted] = NEVER
+        upside_down = force[:, 2] < UPSIDE_DOWN
+        self.tumbled = tilted & ((upside_down & (tilted_for > UPSIDE_DOWN_TIME)) | (tilted_for > TILTED_TIME))
+
+    def _manage_power(self, now: int, voltage: FloatArray) -> None:
+        """Warn at low voltage, switch off at critical voltage, each after 5 s: pm_stm32f4.c pmTask."""
+        limits = self._profile.battery
+        self._not_low[voltage > limits.low_voltage] = now
+        self._not_critical[voltage > limits.critical_voltage] = now
+        self.battery_low = now - self._not_low > BATTERY_TIME
+        self.powered &= ~(self.battery_low & (now - self._not_critical > BATTERY_TIME))
+
+    def control(self, dt: float, yaw: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Run the controller once: supervisor.c supervisorOverrideSetpoint, controller_pid.c controllerPid.
+
+        A NaN angle makes the integral of that axis' PID NaN, whose output then becomes a torque of 0: nobody controls
+        the axis until a thrust of 0 resets the PIDs (pid.c pidUpdate, attitude_pid_controller.c saturateSignedInt16).
+
+        Args:
+            dt: since the last call, s.
+            yaw: (N,) attitude, rad.
+
+        Returns:
+            (3, N) desired roll, pitch, yaw, rad, NaN for an axis that nobody controls; (N,) PWM; (N,) motors allowed.
+        """
+        roll, pitch, turn, thrust = np.where(self.powered & np.isin(self.state, CAN_FLY), self._setpoint, 0.0)
+        level = self.state == State.LEVEL_OUT
+        hold_yaw = level | np.array(self._absolute_yaw)
+        self._yaw_goal = self._yaw_goal + np.where(hold_yaw, 0.0, turn * dt)
+        if self._absolute_yaw:
+            self._yaw_goal = np.where(level, self._yaw_goal, turn)
+        stopped = thrust == 0.0
+        self._yaw_goal = np.where(stopped, yaw, self._yaw_goal)
+        # the shorter way round
+        goal = yaw + np.remainder(self._yaw_goal - yaw + np.pi, 2.0 * np.pi) - np.pi
+        angles = np.stack([np.where(level, 0.0, roll), np.where(level, 0.0, pitch), goal])
+        self._lost = ~stopped & (self._lost | ~np.isfinite(angles))
+        running = self.powered & np.isin(self.state, MOTORS_ALLOWED)
+        return np.where(self._lost, np.nan, np.where(stopped & ~np.isfinite(angles), 0.0, angles)), thrust, running
+
+    def info(self) -> IntArray:
+        """Return the (N,) supervisor.info bit field: supervisor.c updateLogData.
+
+        Bits: 0 can be armed, 1 armed, 2 auto-arming, 3 can fly, 4 flying, 5 tumbled, 6 locked, 7 crashed.
+        """
+        flags = (
+            self.state == State.PREFLIGHT_PASSED,
+            self.armed,
+            np.full_like(self.armed, self._auto_arming),
+            np.isin(self.state, CAN_FLY),
+            np.isin(self.state, (State.FLYING, State.LEVEL_OUT)),
+            self.tumbled,
+            self.state == State.LOCKED,
+            self.crashed,
+        )
+        bits = np.zeros(len(self.state), dtype=np.int64)
+        for bit, flag in enumerate(flags):
+            bits |= flag.astype(np.int64) << bit
+        return bits

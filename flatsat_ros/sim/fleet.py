@@ -1,0 +1,192 @@
+"""N simulated Crazyflies: wire-level set-points in, poses out, on a clock that the caller advances."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.vehicle import VehicleProfile
+from flatsat_ros.sim.dynamics import GRAVITY, STEP, Bodies, Ideal, Identified, Response, Wind
+from flatsat_ros.sim.firmware import SUPERVISOR_PERIOD, Firmware
+from flatsat_ros.sim.power import Battery, IdealPowerTrain, PowerTrain
+from flatsat_ros.sim.sensor import MotionCapture, Recorder, Sample
+
+FloatArray = NDArray[np.float64]
+
+_MILLISECONDS = round(STEP * 1000)
+_SUPERVISOR_STEPS = SUPERVISOR_PERIOD // _MILLISECONDS
+_ROUNDING = 1e-6  # steps: times closer than this to a step are on it
+
+
+class _Packet(NamedTuple):
+    """A set-point under way."""
+
+    step: int
+    index: int
+    roll: float
+    pitch: float
+    yaw: float
+    thrust: float
+
+
+class SimulatedFleet:
+    """N drones of one kind in one room.
+
+    Everything is a function of the arguments, the commands and their times: the same seed gives the same flight, and
+    how advance_to is chopped makes no difference. Integration is on a fixed grid of STEP; the state is that of the
+    last grid time, `time`, at or before the one advanced to.
+
+    Attributes:
+        count: N.
+        firmware: supervisor states, flags, `info()`; arming, emergency and recovery requests.
+        bodies: the true state.
+        power: battery voltages.
+    """
+
+    def __init__(
+        self,
+        profile: VehicleProfile,
+        count: int,
+        *,
+        dynamics: str = "identified",
+        start: ArrayLike | None = None,
+        yaw: ArrayLike = 0.0,
+        flying: bool = False,
+        seed: int = 0,
+        floor: float = 0.0,
+        wind: Wind | None = None,
+        capture: MotionCapture | None = None,
+        battery: Battery | None = None,
+        thrust_scale: ArrayLike = 1.0,
+        command_delay: float = 0.0,
+        absolute_yaw: bool = False,
+    ) -> None:
+        """Switch the drones on at time 0.
+
+        Args:
+            profile: the drones' kind.
+            count: N.
+            dynamics: "identified", or "ideal": the double integrator, with exact motors, no drag, no dead time.
+            start: (N, 3) initial positions, m; by default on the floor, half a metre apart along x.
+            yaw: (N,) or scalar, initial yaw, rad.
+            flying: start in the air, hovering, thrust unlocked, instead of booting on the floor.
+            seed: of gusts, noise and drop-out.
+            floor: height of the floor, m.
+            wind: still air by default. Without drag, so with ideal dynamics, wind does nothing.
+            capture: motion capture without faults at 100 Hz by default.
+            battery: one that never changes by default.
+            thrust_scale: (N,) or scalar, actual force over the force the profile promises.
+            command_delay: from command() to the drone, s, besides the profile's dead time.
+            absolute_yaw: flightmode.stabModeYaw 1.
+
+        Raises:
+            FlatsatError: an argument is out of its bounds.
+        """
+        if dynamics not in ("identified", "ideal"):
+            raise FlatsatError(f"dynamics is {dynamics!r}: valid is 'identified' or 'ideal'")
+        if count < 1:
+            raise FlatsatError(f"count is {count}: valid is 1 or more")
+        if not 0.0 <= command_delay < np.inf:
+            raise FlatsatError(f"command_delay is {command_delay}: valid is 0 s or more")
+        if start is None:
+            start = np.outer(np.arange(count), (0.5, 0.0, 0.0)) + (0.0, 0.0, floor)
+        position = np.asarray(start, dtype=np.float64)
+        if position.shape != (count, 3) or not np.isfinite(position).all():
+            raise FlatsatError(f"start has shape {position.shape}: valid is {(count, 3)}, all finite")
+
+        ideal = dynamics == "ideal"
+        response: Response = Ideal() if ideal else Identified(profile.dynamics)
+        train = IdealPowerTrain if ideal else PowerTrain
+        self.count = count
+        self.bodies = Bodies(response, position, yaw, GRAVITY if flying else 0.0, floor)
+        self.firmware = Firmware(profile, count, absolute_yaw=absolute_yaw)
+        self.power = train(profile, battery or Battery(), count)
+        if flying:
+            self.firmware.start_flying(float(profile.pwm_from_thrust(GRAVITY)))
+        self._acceleration_of_force = np.broadcast_to(np.asarray(thrust_scale, dtype=np.float64), count) / profile.mass
+        self._delay = command_delay + (0.0 if ideal else profile.delay)
+        self._wind = wind or Wind()
+        self._gust = np.zeros(3)
+        gusts, capturing = np.random.SeedSequence(seed).spawn(2)
+        self._gusts = np.random.default_rng(gusts)
+        self._recorder = Recorder(capture or MotionCapture(), np.random.default_rng(capturing))
+        self._packets: deque[_Packet] = deque()
+        self._now = 0.0
+        self._step = 0
+        self._record()
+
+    @property
+    def time(self) -> float:
+        """Time of the state, s: the last grid time at or before the one advanced to."""
+        return self._step * STEP
+
+    def command(self, index: int, roll: float, pitch: float, yaw_rate: float, thrust_pwm: float) -> None:
+        """Send a set-point, as cmd_vel_legacy carries it, at the time advanced to.
+
+        Args:
+            index: the receiver.
+            roll: deg, positive toward -y.
+            pitch: deg, positive toward +x (crazyswarm2's cpp back-end).
+            yaw_rate: deg/s, positive CLOCKWISE; with absolute_yaw the yaw, deg, positive counter-clockwise.
+            thrust_pwm: 0..65535; clipped by the firmware, not here.
+
+        Raises:
+            FlatsatError: no such drone, or a thrust that no packet can carry. Angles may be NaN: see firmware.
+        """
+        self._check(index)
+        if not 0.0 <= thrust_pwm <= 65535.0:
+            raise FlatsatError(f"thrust_pwm is {thrust_pwm}: valid is 0 to 65535")
+        step = int(np.ceil((self._now + self._delay) / STEP - _ROUNDING))
+        self._packets.append(_Packet(step, index, roll, pitch, yaw_rate, thrust_pwm))
+
+    def reboot(self, index: int) -> None:
+        """Set a drone on its feet where it is, and switch it off and on."""
+        self._check(index)
+        self.bodies.set_upright(index)
+        self.firmware.reboot(index, self._step * _MILLISECONDS)
+
+    def advance_to(self, time: float) -> None:
+        """Integrate to an absolute time, s; times already passed are an error."""
+        if not self._now <= time < np.inf:
+            raise FlatsatError(f"time is {time}: valid is {self._now} s, the present, or later")
+        self._now = time
+        last = int(np.floor(time / STEP + _ROUNDING))
+        while self._step < last:
+            self._advance()
+
+    def poses(self) -> tuple[FloatArray, FloatArray]:
+        """Return the true (N, 3) positions, m, and (N, 4) quaternions, x, y, z, w, at `time`."""
+        return self.bodies.position.copy(), self.bodies.quaternion
+
+    def measurements(self, time: float) -> list[Sample]:
+        """Return, each once, the motion capture samples released until time, s; unread ones are kept."""
+        return self._recorder.release(time)
+
+    def _advance(self) -> None:
+        """One STEP: packets, supervisor, controller, motors, body, motion capture."""
+        now = self._step * _MILLISECONDS
+        while self._packets and self._packets[0].step <= self._step:
+            packet = self._packets.popleft()
+            self.firmware.receive(*packet[1:], now=now)
+        if self._step % _SUPERVISOR_STEPS == 0:
+            self.firmware.supervise(now, self.bodies.specific_force, self.power.ratio, self.power.voltage)
+        angles, pwm, running = self.firmware.control(STEP, self.bodies.attitude[2, :, 0])
+        thrust = self.power.step(pwm, running) * self._acceleration_of_force
+        self._gust = self._wind.next_gust(self._gust, self._gusts)
+        self.bodies.step(thrust, angles, self._gust + self._wind.mean)
+        self._step += 1
+        self._record()
+
+    def _record(self) -> None:
+        """Let motion capture look, if it is time."""
+        if self._recorder.is_due(self.time):
+            self._recorder.take(self.time, *self.poses())
+
+    def _check(self, index: int) -> None:
+        """Refuse an index outside the fleet."""
+        if not 0 <= index < self.count:
+            raise FlatsatError(f"index is {index}: valid is 0 to {self.count - 1}")

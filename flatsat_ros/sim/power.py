@@ -1,0 +1,102 @@
+"""From thrust command to force: battery, voltage compensation, motor command in steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flatsat_ros.core.vehicle import PWM_FULL, VehicleProfile
+from flatsat_ros.sim.dynamics import STEP
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+# the firmware low-passes the battery voltage with 0.01 per millisecond (stabilizer.c, batteryCompensation)
+_SUPPLY_FILTER = 1.0 - 0.99 ** (STEP / 0.001)
+
+
+@dataclass(frozen=True)
+class Battery:
+    """A battery; by default one that never changes.
+
+    Attributes:
+        voltage: open-circuit voltage at the start, V.
+        sag: drop under load, V at full force.
+        drain: fall of the open-circuit voltage, V/s at full force.
+    """
+
+    voltage: float = 4.0
+    sag: float = 0.0
+    drain: float = 0.0
+
+
+class PowerTrain:
+    """Battery and motors as the firmware drives them.
+
+    The firmware wants a force linear in PWM: it inverts the motor's force curve, divides by the (low-passed) battery
+    voltage and rounds down to the resolution of the motor command (motors.c, motorsCompensateBatteryVoltage and
+    motorsConv16ToBits). So force falls with the battery only once the motor command is full.
+
+    Attributes:
+        voltage: (N,) battery voltage under load, V.
+        ratio: (N,) motor command, 0..1, before rounding.
+    """
+
+    def __init__(self, profile: VehicleProfile, battery: Battery, count: int) -> None:
+        self._profile = profile
+        self._battery = battery
+        self._open = np.full(count, battery.voltage)
+        self._supply = self._open.copy()
+        self.voltage = self._open.copy()
+        self.ratio = np.zeros(count)
+
+    def step(self, pwm: FloatArray, running: BoolArray) -> FloatArray:
+        """Advance by STEP.
+
+        Args:
+            pwm: (N,) thrust command, 0..65535.
+            running: (N,) whether the motors are allowed to turn.
+
+        Returns:
+            (N,) total force, N.
+        """
+        self._supply += _SUPPLY_FILTER * (self.voltage - self._supply)
+        force = np.where(running, self._force(pwm), 0.0)
+        self.ratio = np.where(running, self.ratio, 0.0)
+        load = force / self._profile.force_max
+        self._open -= self._battery.drain * load * STEP
+        self.voltage = self._open - self._battery.sag * load
+        return force
+
+    def _force(self, pwm: FloatArray) -> FloatArray:
+        """Return the force of a running drone, N, and keep the motor command."""
+        motors = self._profile.motors
+        wanted = pwm * (self._profile.force_max / PWM_FULL / 4.0)
+        ratio = np.where(wanted < motors.force_min, 0.0, self._voltage(wanted) / self._supply)
+        self.ratio = np.clip(ratio, motors.idle_pwm / PWM_FULL, 1.0)
+        levels = 2**motors.bits
+        # the timer counts to levels; the full 16-bit command is its last count
+        command = np.floor(self.ratio * PWM_FULL * (levels / 2**16)) / levels
+        applied = command * self.voltage
+        c0, c1, c2, c3 = motors.voltage_to_force
+        force = 4.0 * (c0 + applied * (c1 + applied * (c2 + applied * c3)))
+        return np.where(command > 0.0, np.maximum(force, 0.0), 0.0)
+
+    def _voltage(self, force: FloatArray) -> FloatArray:
+        """Return the motor voltage, V, of one motor's force, N: the real root of the force curve (Cardano)."""
+        c0, c1, c2, c3 = self._profile.motors.voltage_to_force
+        p, r = -c2 / (3.0 * c3), c1 / (3.0 * c3)
+        q = p**3 + (c2 * c1 - 3.0 * c3 * (c0 - force)) / (6.0 * c3 * c3)
+        root = np.sqrt(np.maximum(q * q + (r - p * p) ** 3, 0.0))
+        return np.cbrt(q + root) + np.cbrt(q - root) + p
+
+
+class IdealPowerTrain(PowerTrain):
+    """Force exactly linear in PWM, whatever the battery."""
+
+    def _force(self, pwm: FloatArray) -> FloatArray:
+        """Return the force of a running drone, N, and keep the motor command."""
+        self.ratio = pwm / PWM_FULL
+        return self.ratio * self._profile.force_max

@@ -1,0 +1,80 @@
+"""What motion capture makes of the truth: samples at a rate, with noise, losses and delay."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+_ROUNDING = 1e-9  # s: times closer than this are the same
+
+
+class Sample(NamedTuple):
+    """One pose.
+
+    Attributes:
+        stamp: when it was true, s.
+        index: whose it is.
+        position: (3,) m, world.
+        quaternion: (4,) x, y, z, w; body -> world.
+    """
+
+    stamp: float
+    index: int
+    position: FloatArray
+    quaternion: FloatArray
+
+
+@dataclass(frozen=True)
+class MotionCapture:
+    """A motion capture system; by default one without faults.
+
+    Attributes:
+        rate: samples of each drone per second, Hz; a sample falls on the first integration step at or after its time.
+        noise: standard deviation of the position per axis, m.
+        dropout: probability that a sample of a drone is lost, each by itself.
+        gaps: (start, end) times without any sample, s.
+        latency: from the true stamp to the release, s.
+    """
+
+    rate: float = 100.0
+    noise: float = 0.0
+    dropout: float = 0.0
+    gaps: tuple[tuple[float, float], ...] = ()
+    latency: float = 0.0
+
+
+class Recorder:
+    """Takes the samples of a fleet and hands them out when they are due."""
+
+    def __init__(self, capture: MotionCapture, generator: np.random.Generator) -> None:
+        self._capture = capture
+        self._generator = generator
+        self._taken = 0
+        self._waiting: deque[Sample] = deque()
+
+    def is_due(self, time: float) -> bool:
+        """Whether the next sample's time has come."""
+        return time >= self._taken / self._capture.rate - _ROUNDING
+
+    def take(self, time: float, position: FloatArray, quaternion: FloatArray) -> None:
+        """Sample (N, 3) positions and (N, 4) quaternions; random numbers are drawn whatever is lost."""
+        self._taken += 1
+        noisy = position + self._capture.noise * self._generator.standard_normal(position.shape)
+        kept = self._generator.random(len(position)) >= self._capture.dropout
+        if any(start <= time < end for start, end in self._capture.gaps):
+            return
+        self._waiting.extend(Sample(time, int(i), noisy[i], quaternion[i]) for i in np.flatnonzero(kept))
+
+    def release(self, time: float) -> list[Sample]:
+        """Return, once, the samples released until time."""
+        released = []
+        while self._waiting and self._waiting[0].stamp + self._capture.latency <= time + _ROUNDING:
+            released.append(self._waiting.popleft())
+        return released
