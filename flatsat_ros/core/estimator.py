@@ -4,8 +4,9 @@ Per axis a Kalman filter of the double integrator with a constant disturbance, s
 
     pdot' = a(t) + d + white noise,  d' = white noise,  measured: p + noise
 
-where a(t) is the known commanded acceleration. The three axes of a drone share one covariance. Measurements are taken
-in the order of their stamps; what real motion capture does wrong is either survived or counted as rejected.
+where a(t) is the known commanded acceleration. The three axes of a drone share one covariance. A measurement is taken in
+when it arrives, in plain floats: for one drone that is twenty times faster than arrays of length three. What real motion
+capture does wrong is either survived or counted as rejected.
 """
 
 from __future__ import annotations
@@ -37,12 +38,10 @@ _JUMPS_TO_RESTART = 5
 _SILENCE_TO_RESTART = 0.5
 # a quaternion's norm may differ from 1 by this much
 _QUATERNION_TOLERANCE = 0.1
-# stamps may be ahead of the arrival by this much, s: clocks of two machines differ a little
+# a stamp may be ahead of the arrival by this much, s: clocks of two machines differ a little
 _CLOCK_TOLERANCE = 0.1
 # sum of coordinates, m, beyond which a position is a fault
 _FARTHEST = 1e4
-# measurements kept between two ticks
-_BACKLOG = 1024
 
 
 class Estimator:
@@ -57,12 +56,8 @@ class Estimator:
     """
 
     def __init__(self, count: int) -> None:
-        self._mean = np.zeros((count, 3, 3))
-        self._covariance = np.zeros((count, 3, 3))
-        self._backlog: list[deque[tuple[float, float, float, float]]] = [deque(maxlen=_BACKLOG) for _ in range(count)]
-        self._jumps = np.zeros(count, dtype=int)
-        self._command_times: deque[float] = deque()
-        self._commands: deque[FloatArray] = deque()
+        self._filters = [_Filter() for _ in range(count)]
+        self._commands: deque[tuple[float, FloatArray, list[list[float]]]] = deque()
         self.yaw = np.zeros(count)
         self.newest = np.full(count, -np.inf)
         self.rejected = np.zeros(count, dtype=int)
@@ -70,7 +65,7 @@ class Estimator:
     def measure(
         self, index: int, stamp: float, position: Sequence[float], quaternion: Sequence[float], now: float
     ) -> bool:
-        """Store one measurement of drone index; it enters the estimate at the next tick.
+        """Take in one measurement of drone index.
 
         Args:
             index: which drone.
@@ -80,17 +75,18 @@ class Estimator:
             now: when it arrived, s.
 
         Returns:
-            Whether it was kept. Refused, and counted: a position or stamp that is not finite or beyond 10 km, a stamp
-            that is not newer than the newest one (a duplicate, or late), a stamp that lies in the future.
+            Whether it was accepted. Refused, and counted: a position or stamp that is not finite or beyond 10 km, a
+            stamp that is not newer than the newest one (a duplicate, or late) or lies in the future, and a jump until
+            it has lasted for several measurements.
         """
+        newest = float(self.newest[index])
         x, y, z = position
-        backlog = self._backlog[index]
-        latest = backlog[-1][0] if backlog else self.newest[index]
-        plausible = abs(x) + abs(y) + abs(z) <= _FARTHEST and latest < stamp <= now + _CLOCK_TOLERANCE
-        if not plausible:
+        plausible = abs(x) + abs(y) + abs(z) <= _FARTHEST and newest < stamp <= now + _CLOCK_TOLERANCE
+        accepted = plausible and self._filter(index, newest, stamp, position)
+        if not accepted:
             self.rejected[index] += 1
             return False
-        backlog.append((stamp, x, y, z))
+        self.newest[index] = stamp
         qx, qy, qz, qw = quaternion
         norm = math.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
         if abs(norm - 1.0) <= _QUATERNION_TOLERANCE:
@@ -100,94 +96,117 @@ class Estimator:
     def restart(self) -> None:
         """Forget all measurements and commands, as after a step of the clock."""
         self.newest[:] = -np.inf
-        for queue in (*self._backlog, self._command_times, self._commands):
-            queue.clear()
+        self._commands.clear()
 
     def command(self, t: float, acceleration: FloatArray) -> None:
         """Note the acceleration (N, 3), m/s^2, that is commanded from time t (s, never decreasing) on."""
-        self._command_times.append(t)
-        self._commands.append(acceleration)
-        while len(self._command_times) > 1 and self._command_times[1] < t - _SILENCE_TO_RESTART:
-            self._command_times.popleft()
+        self._commands.append((t, acceleration, acceleration.tolist()))
+        while len(self._commands) > 1 and self._commands[1][0] < t - _SILENCE_TO_RESTART:
             self._commands.popleft()
 
     def estimate(self, now: float) -> FloatArray:
-        """Take in the stored measurements and return position and velocity of all drones at now, (N, 6), m and m/s."""
-        while pending := [i for i, backlog in enumerate(self._backlog) if backlog]:
-            samples = np.array([self._backlog[i].popleft() for i in pending])
-            self._update(np.array(pending), samples[:, 0], samples[:, 1:])
-        known = np.isfinite(self.newest)
-        elapsed = np.where(known, np.clip(now - self.newest, 0.0, _SILENCE_TO_RESTART), 0.0)
-        mean = _transition(elapsed) @ self._mean
-        self._add_commands(mean, np.arange(len(elapsed)), np.where(known, self.newest, now), elapsed)
-        return np.concatenate([mean[:, 0], mean[:, 1]], axis=1)
+        """Return position and velocity of all drones at now, (N, 6), m and m/s; zeros before the first measurement."""
+        mean = np.array([f.mean for f in self._filters])
+        elapsed = np.clip(now - self.newest, 0.0, _SILENCE_TO_RESTART)[:, np.newaxis]
+        position, velocity, disturbance = mean[:, 0:3], mean[:, 3:6], mean[:, 6:9]
+        position = position + elapsed * (velocity + elapsed / 2.0 * disturbance)
+        velocity = velocity + elapsed * disturbance
+        end = now
+        for begin, acceleration, _ in reversed(self._commands):
+            span = np.clip(end - np.maximum(begin, now - elapsed), 0.0, None)
+            velocity = velocity + acceleration * span
+            position = position + acceleration * (span * (now - end + span / 2.0))
+            end = min(end, begin)
+            if (now - elapsed >= end).all():
+                break
+        return np.concatenate([position, velocity], axis=1)
 
     def usable(self, now: float, timeout: float) -> np.ndarray:
         """Tell whose estimate can be flown on, (N,): fresh within timeout (s) and with a settled velocity."""
-        fresh = now - self.newest <= timeout
-        return np.asarray(fresh & (self._covariance[:, 1, 1] <= _SETTLED_VELOCITY**2))
+        settled = np.array([f.c11 <= _SETTLED_VELOCITY**2 for f in self._filters])
+        return np.asarray((now - self.newest <= timeout) & settled)
 
-    def _update(self, index: np.ndarray, stamp: FloatArray, position: FloatArray) -> None:
-        elapsed = stamp - self.newest[index]
-        restart = elapsed > _SILENCE_TO_RESTART
-        elapsed = np.where(restart, 0.0, elapsed)
-        transition = _transition(elapsed)
-        mean = transition @ self._mean[index]
-        self._add_commands(mean, index, stamp - elapsed, elapsed)
-        covariance = transition @ self._covariance[index] @ transition.transpose(0, 2, 1) + _process_noise(elapsed)
-
-        innovation = position - mean[:, 0]
-        variance = covariance[:, 0, 0] + _POSITION_NOISE**2
-        gate = _GATE_DEVIATIONS * np.sqrt(variance) + _GATE_DISTANCE
-        jump = ~restart & (np.sqrt((innovation * innovation).sum(axis=1)) > gate)
-        self._jumps[index] = np.where(jump, self._jumps[index] + 1, 0)
-        self.rejected[index] += jump
-        restart |= self._jumps[index] >= _JUMPS_TO_RESTART
-        keep = restart | ~jump
-
-        weight = covariance[:, :, 0] / variance[:, np.newaxis]
-        mean = mean + weight[:, :, np.newaxis] * innovation[:, np.newaxis, :]
-        covariance = covariance - weight[:, :, np.newaxis] * covariance[:, np.newaxis, 0, :]
-        if restart.any():
-            mean[restart] = 0.0
-            mean[restart, 0] = position[restart]
-            covariance[restart] = np.diag([_POSITION_NOISE**2, _START_VELOCITY**2, _START_DISTURBANCE**2])
-            self._jumps[index[restart]] = 0
-        kept = index[keep]
-        self._mean[kept], self._covariance[kept], self.newest[kept] = mean[keep], covariance[keep], stamp[keep]
-
-    def _add_commands(self, mean: FloatArray, index: np.ndarray, start: FloatArray, elapsed: FloatArray) -> None:
-        """Add to the means what the commands between start and start + elapsed do to position and velocity."""
-        end = start + elapsed
-        edges = [*self._command_times, math.inf]
-        for begin, stop, acceleration in zip(edges[:-1], edges[1:], self._commands, strict=True):
-            left, right = np.maximum(start, begin), np.minimum(end, stop)
-            span = np.maximum(right - left, 0.0)[:, np.newaxis]
-            if span.any():
-                push = acceleration[index] * span
-                mean[:, 1] += push
-                mean[:, 0] += push * (end[:, np.newaxis] - np.where(span > 0.0, left[:, np.newaxis] + span / 2.0, 0.0))
+    def _filter(self, index: int, newest: float, stamp: float, position: Sequence[float]) -> bool:
+        """Predict drone index to stamp and correct by position; return whether it was taken."""
+        state = self._filters[index]
+        if stamp - newest > _SILENCE_TO_RESTART:
+            state.restart(position)
+            return True
+        push = [0.0, 0.0, 0.0]
+        shift = [0.0, 0.0, 0.0]
+        end = stamp
+        for begin, _, accelerations in reversed(self._commands):
+            span = end - max(begin, newest)
+            if span > 0.0:
+                lever = span * (stamp - end + span / 2.0)
+                for axis, a in enumerate(accelerations[index]):
+                    push[axis] += a * span
+                    shift[axis] += a * lever
+                end -= span
+            if begin <= newest:
+                break
+        return state.advance(stamp - newest, position, push, shift)
 
 
-def _transition(elapsed: FloatArray) -> FloatArray:
-    """Return the transition matrices (M, 3, 3) of (p, pdot, d) over the given times (M,), s."""
-    matrix = np.zeros((len(elapsed), 3, 3))
-    matrix[:, 0, 0] = matrix[:, 1, 1] = matrix[:, 2, 2] = 1.0
-    matrix[:, 0, 1] = matrix[:, 1, 2] = elapsed
-    matrix[:, 0, 2] = elapsed * elapsed / 2.0
-    return matrix
+class _Filter:
+    """The Kalman filter of one drone.
 
+    Attributes:
+        mean: position, velocity, disturbance: nine floats, m, m/s, m/s^2.
+        c00, c01, c02, c11, c12, c22: covariance of (p, pdot, d), the same for each axis.
+    """
 
-def _process_noise(elapsed: FloatArray) -> FloatArray:
-    """Return the covariances (M, 3, 3) of what white acceleration and disturbance drift add over the given times."""
-    t = elapsed
-    q, r = _ACCELERATION_NOISE, _DISTURBANCE_NOISE
-    t2, t3 = t * t, t * t * t
-    matrix = np.empty((len(t), 3, 3))
-    matrix[:, 0, 0] = q * t3 / 3.0 + r * t2 * t3 / 20.0
-    matrix[:, 0, 1] = matrix[:, 1, 0] = q * t2 / 2.0 + r * t2 * t2 / 8.0
-    matrix[:, 0, 2] = matrix[:, 2, 0] = r * t3 / 6.0
-    matrix[:, 1, 1] = q * t + r * t3 / 3.0
-    matrix[:, 1, 2] = matrix[:, 2, 1] = r * t2 / 2.0
-    matrix[:, 2, 2] = r * t
-    return matrix
+    __slots__ = ("c00", "c01", "c02", "c11", "c12", "c22", "jumps", "mean")
+
+    def __init__(self) -> None:
+        self.restart((0.0, 0.0, 0.0))
+
+    def restart(self, position: Sequence[float]) -> None:
+        """Begin anew at a measured position, at rest but not sure of it."""
+        self.mean = [*position, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+        self.c00, self.c11, self.c22 = _POSITION_NOISE**2, _START_VELOCITY**2, _START_DISTURBANCE**2
+        self.c01 = self.c02 = self.c12 = 0.0
+        self.jumps = 0
+
+    def advance(self, t: float, position: Sequence[float], push: list[float], shift: list[float]) -> bool:
+        """Predict over t seconds, in which commands add push (m/s) and shift (m), then correct by the position.
+
+        Returns:
+            False, and no change, if the position is a jump; the last of several jumps in a row restarts the filter.
+        """
+        q, r = _ACCELERATION_NOISE, _DISTURBANCE_NOISE
+        t2 = t * t
+        half, t3 = t2 / 2.0, t2 * t
+        # F C F' + Q with F = [[1, t, t^2/2], [0, 1, t], [0, 0, 1]]
+        a02 = self.c02 + t * self.c12 + half * self.c22
+        a12 = self.c12 + t * self.c22
+        a01 = self.c01 + t * self.c11 + half * self.c12
+        a11 = self.c11 + t * self.c12
+        a00 = self.c00 + t * self.c01 + half * self.c02
+        c00 = a00 + t * a01 + half * a02 + q * t3 / 3.0 + r * t2 * t3 / 20.0
+        c01 = a01 + t * a02 + q * half + r * t2 * t2 / 8.0
+        c02 = a02 + r * t3 / 6.0
+        c11 = a11 + t * a12 + q * t + r * t3 / 3.0
+        c12 = a12 + r * half
+        c22 = self.c22 + r * t
+
+        variance = c00 + _POSITION_NOISE**2
+        mean = self.mean
+        predicted = [mean[i] + t * mean[i + 3] + half * mean[i + 6] + shift[i] for i in (0, 1, 2)]
+        innovation = [position[i] - predicted[i] for i in (0, 1, 2)]
+        if math.hypot(*innovation) > _GATE_DEVIATIONS * math.sqrt(variance) + _GATE_DISTANCE:
+            self.jumps += 1
+            if self.jumps < _JUMPS_TO_RESTART:
+                return False
+            self.restart(position)
+            return True
+        w0, w1, w2 = c00 / variance, c01 / variance, c02 / variance
+        self.mean = [
+            *(predicted[i] + w0 * innovation[i] for i in (0, 1, 2)),
+            *(mean[i + 3] + t * mean[i + 6] + push[i] + w1 * innovation[i] for i in (0, 1, 2)),
+            *(mean[i + 6] + w2 * innovation[i] for i in (0, 1, 2)),
+        ]
+        self.c00, self.c01, self.c02 = c00 - w0 * c00, c01 - w0 * c01, c02 - w0 * c02
+        self.c11, self.c12, self.c22 = c11 - w1 * c01, c12 - w1 * c02, c22 - w2 * c02
+        self.jumps = 0
+        return True
