@@ -1,0 +1,50 @@
+"""Every topic once: name, type, quality of service. Names are relative, `<robot>/...` below the node's namespace."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, Twist
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+
+def _reliable(depth: int) -> QoSProfile:
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic of every robot.
+
+    Attributes:
+        suffix: name below the robot's.
+        kind: message type.
+        publish: quality of service of our publishers.
+        subscribe: quality of service of our subscriptions; best effort where it must match every publisher.
+    """
+
+    suffix: str
+    kind: type[Any]
+    publish: QoSProfile
+    subscribe: QoSProfile
+
+    def of(self, robot: str) -> str:
+        """Return the topic's name for one robot."""
+        return f"{robot}/{self.suffix}"
+
+
+POSE = Topic("pose", PoseStamped, _reliable(10), QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
+GOAL = Topic("goal_pose", PoseStamped, _reliable(10), _reliable(10))
+TRAJECTORY = Topic("trajectory", MultiDOFJointTrajectory, _reliable(10), _reliable(10))
+COMMAND = Topic("cmd_vel_legacy", Twist, _reliable(1), _reliable(1))
+TELEMETRY = Topic("flatsat/telemetry", Float64MultiArray, _reliable(10), _reliable(10))
+
+DIAGNOSTICS = "/diagnostics"
+DIAGNOSTICS_KIND = DiagnosticArray
+DIAGNOSTICS_QOS = _reliable(10)
+
+CONTROLLER_NODE = "flatsat_controller"

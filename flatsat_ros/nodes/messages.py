@@ -1,0 +1,188 @@
+"""The only file that touches message fields. Everything it returns is SI, radians, floats in seconds."""
+
+from __future__ import annotations
+
+import array
+import struct
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from builtin_interfaces.msg import Duration, Time
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseStamped, Quaternion, Transform, Twist, Vector3
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
+from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
+
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.flatness import FloatArray
+from flatsat_ros.core.reference import Trajectory
+from flatsat_ros.core.wire import WireSetpoint
+
+NANOSECONDS = 1_000_000_000
+
+# what the entries of a telemetry message are, in order; units in docs/interfaces.md
+TELEMETRY_FIELDS = (
+    "V", "V/eps", "gamma", "k", "T", "phi", "theta", "v_x", "v_y", "v_z",
+    "error_x", "error_y", "error_z", "error_vx", "error_vy", "error_vz", "mode", "tick_us",
+)  # fmt: skip
+
+_CDR_HEADER = 4
+
+
+def pose_from_cdr(data: bytes) -> tuple[int, tuple[float, ...], tuple[float, ...]]:
+    """Read a serialised PoseStamped without building the message, at half the cost.
+
+    The encapsulation header takes 4 bytes, byte 1 tells the byte order; then sec, nanosec, the length of frame_id with
+    its terminator, frame_id, and seven doubles aligned to 8 bytes counted from the end of the header.
+
+    Returns:
+        Stamp (ns), position (3,) m, quaternion (4,) x, y, z, w.
+
+    Raises:
+        FlatsatError: the bytes are not a PoseStamped.
+    """
+    order = "<" if len(data) > 1 and data[1] == 1 else ">"
+    try:
+        sec, nanosec, length = struct.unpack_from(order + "iII", data, _CDR_HEADER)
+        offset = _CDR_HEADER + (12 + length + 7) // 8 * 8
+        values = struct.unpack_from(order + "7d", data, offset)
+    except struct.error as error:
+        raise FlatsatError(f"{len(data)} bytes are not a serialised PoseStamped: {error}") from error
+    return sec * NANOSECONDS + nanosec, values[:3], values[3:]
+
+
+def stamp_from_nanoseconds(nanoseconds: int) -> Time:
+    """Return a message stamp."""
+    return Time(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS)
+
+
+def nanoseconds_from_stamp(stamp: Time) -> int:
+    """Return a message stamp as nanoseconds."""
+    return stamp.sec * NANOSECONDS + stamp.nanosec
+
+
+def fill_pose(message: PoseStamped, nanoseconds: int, position: Sequence[float], quaternion: Sequence[float]) -> None:
+    """Write stamp, position (m) and quaternion (x, y, z, w) into a pose message."""
+    message.header.stamp = stamp_from_nanoseconds(nanoseconds)
+    p, q = message.pose.position, message.pose.orientation
+    p.x, p.y, p.z = (float(value) for value in position)
+    q.x, q.y, q.z, q.w = (float(value) for value in quaternion)
+
+
+def fill_command(message: Twist, setpoint: WireSetpoint) -> None:
+    """Write a set-point into a cmd_vel_legacy message."""
+    message.linear.x, message.linear.y, message.linear.z = setpoint.pitch, setpoint.roll, setpoint.thrust
+    message.angular.z = setpoint.yaw_rate
+
+
+def command_from_message(message: Twist) -> WireSetpoint:
+    """Read the set-point of a cmd_vel_legacy message."""
+    return WireSetpoint(message.linear.y, message.linear.x, message.angular.z, message.linear.z)
+
+
+def yaw_from_quaternion(q: Quaternion) -> float:
+    """Return psi, rad; the all-zero quaternion of an unset field means 0.
+
+    Raises:
+        FlatsatError: the quaternion has no direction.
+    """
+    if q.x == q.y == q.z == q.w == 0.0:
+        return 0.0
+    yaw = float(np.arctan2(2.0 * (q.w * q.z + q.x * q.y), q.w**2 + q.x**2 - q.y**2 - q.z**2))
+    if not np.isfinite(yaw):
+        raise FlatsatError(f"orientation ({q.x}, {q.y}, {q.z}, {q.w}): must be finite")
+    return yaw
+
+
+def quaternion_from_yaw(yaw: float) -> Quaternion:
+    """Return the level orientation with the given psi, rad."""
+    return Quaternion(z=float(np.sin(yaw / 2.0)), w=float(np.cos(yaw / 2.0)))
+
+
+def setpoint_from_goal(message: PoseStamped) -> Trajectory:
+    """Return the set-point that a goal asks for: position and yaw.
+
+    Raises:
+        FlatsatError: a value is not finite.
+    """
+    p = message.pose.position
+    return Trajectory.hold([p.x, p.y, p.z], yaw_from_quaternion(message.pose.orientation))
+
+
+def trajectory_from_message(message: MultiDOFJointTrajectory, now: int, origin: int) -> Trajectory:
+    """Return the trajectory of a message with one joint and positions, velocities and accelerations at every point.
+
+    Args:
+        message: its header stamp is the start; a zero stamp means now.
+        now: ns.
+        origin: ns; the trajectory's times are seconds after it.
+
+    Raises:
+        FlatsatError: a point lacks something, a value is not finite, times do not increase, or it does not end at rest.
+    """
+    if not message.points:
+        raise FlatsatError("the trajectory has no points: needed is at least one")
+    for number, point in enumerate(message.points):
+        lengths = (len(point.transforms), len(point.velocities), len(point.accelerations))
+        if lengths != (1, 1, 1):
+            raise FlatsatError(
+                f"point {number} has {lengths} transforms, velocities, accelerations: must be one of each (one joint)"
+            )
+    start = nanoseconds_from_stamp(message.header.stamp) or now
+    points = message.points
+    return Trajectory.through(
+        [(start - origin + _nanoseconds(p.time_from_start)) / NANOSECONDS for p in points],
+        [_vector(p.transforms[0].translation) for p in points],
+        [_vector(p.velocities[0].linear) for p in points],
+        [_vector(p.accelerations[0].linear) for p in points],
+        yaw_from_quaternion(points[-1].transforms[0].rotation),
+    )
+
+
+def message_from_trajectory(trajectory: Trajectory, start: int) -> MultiDOFJointTrajectory:
+    """Return the message of a trajectory whose times count from start, ns; its points are the ends of the segments."""
+    message = MultiDOFJointTrajectory(joint_names=["base_link"])
+    message.header.stamp = stamp_from_nanoseconds(start)
+    message.header.frame_id = "world"
+    for t in trajectory.times:
+        sample = trajectory.sample(float(t))
+        nanoseconds = round(float(t) * NANOSECONDS)
+        message.points.append(
+            MultiDOFJointTrajectoryPoint(
+                transforms=[Transform(translation=_message_vector(sample[:3]), rotation=quaternion_from_yaw(trajectory.yaw))],
+                velocities=[Twist(linear=_message_vector(sample[3:6]))],
+                accelerations=[Twist(linear=_message_vector(sample[6:]))],
+                time_from_start=Duration(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS),
+            )
+        )
+    return message
+
+
+def telemetry_message() -> Float64MultiArray:
+    """Return a telemetry message with its layout; only `fill_telemetry` is needed per tick."""
+    size = len(TELEMETRY_FIELDS)
+    dimension = MultiArrayDimension(label=",".join(TELEMETRY_FIELDS), size=size, stride=size)
+    return Float64MultiArray(layout=MultiArrayLayout(dim=[dimension]), data=array.array("d", bytes(8 * size)))
+
+
+def fill_telemetry(message: Float64MultiArray, row: FloatArray) -> None:
+    """Write one drone's row, ordered as TELEMETRY_FIELDS."""
+    message.data = array.array("d", row.tobytes())
+
+
+def diagnostic_status(name: str, hardware: str, level: bytes, text: str, values: Mapping[str, object]) -> DiagnosticStatus:
+    """Return one status of /diagnostics."""
+    pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+    return DiagnosticStatus(level=level, name=name, message=text, hardware_id=hardware, values=pairs)
+
+
+def _nanoseconds(duration: Duration) -> int:
+    return int(duration.sec * NANOSECONDS + duration.nanosec)
+
+
+def _vector(v: Vector3) -> list[float]:
+    return [v.x, v.y, v.z]
+
+
+def _message_vector(v: FloatArray) -> Vector3:
+    return Vector3(x=float(v[0]), y=float(v[1]), z=float(v[2]))
