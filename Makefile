@@ -11,11 +11,10 @@ PYTHON_NOBLE ?= $(firstword $(wildcard $(HOME)/.pyenv/versions/3.12*/bin/python)
 NOBLE := .venv-noble
 NOBLE_REQUIREMENTS := requirements/noble.txt
 NOBLE_SETUP := $(NOBLE)/.done
-COMPILE := UV_CUSTOM_COMPILE_COMMAND="make requirements" uv pip compile --universal --no-annotate --upgrade --quiet
 
 unexport PYTHONPATH AMENT_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help setup build demo test test-noble bench lint certificates requirements clean
+.PHONY: help setup build demo test test-noble bench lint certificates clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 16
@@ -29,13 +28,14 @@ $(SETUP): $(REQUIREMENTS)
 	touch $@
 
 build: setup  ## colcon build into install/
+	rm -rf build/flatsat_ros install/flatsat_ros  # colcon leaves modules behind that the source has no more
 	$(BIN)/colcon build --packages-select flatsat_ros
 
 demo: build  ## three simulated drones swap places; ARGS="--seconds 10" and so on
 	$(SOURCED) $(EXECUTABLES)/demo $(ARGS)
 
 test: build  ## every test, on what was installed; ARGS="-k swap" and so on
-	$(SOURCED) $(BIN)/pytest --numprocesses auto --dist loadgroup $(ARGS) test
+	$(SOURCED) $(BIN)/pytest --numprocesses auto --dist loadgroup $(ARGS)
 
 test-noble: $(NOBLE_SETUP)  ## core, synthesis and sim with the versions of Ubuntu 24.04
 	$(NOBLE)/bin/python -m pytest --numprocesses auto $(ARGS) test/core test/synthesis test/sim
@@ -52,10 +52,6 @@ bench: build  ## the benchmark against solvers and a bare rclpy node
 lint: setup  ## ruff, and mypy --strict on core and synthesis
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-
-requirements:  ## pin the newest versions that fit requirements/*.in; needs uv
-	cd requirements && $(COMPILE) --python-version 3.10 requirements.in -o requirements.txt
-	cd requirements && $(COMPILE) --python-version 3.12 noble.in -o noble.txt
 
 clean:  ## remove what was built, not .venv
 	rm -rf build install log out .coverage .hypothesis .mypy_cache .pytest_cache .ruff_cache

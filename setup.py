@@ -1,8 +1,10 @@
-"""Build of the ament_python package; the version stands in flatsat_ros/__init__.py, see setup.cfg."""
+"""Build of the ament_python package; the version stands in flatsat_ros/__init__.py."""
 
 from pathlib import Path
 
 from setuptools import find_packages, setup
+
+from flatsat_ros import __version__
 
 PACKAGE = "flatsat_ros"
 SHARE = Path("share", PACKAGE)
@@ -16,6 +18,11 @@ def configuration() -> list[tuple[str, list[str]]]:
 
 setup(
     name=PACKAGE,
+    version=__version__,
+    description="Certified saturated control of quadcopters in the flat output space, over ROS 2",
+    maintainer="flatsat_ros developers",
+    maintainer_email="developers@flatsat-ros.example.org",
+    license="Apache-2.0",
     packages=find_packages(exclude=["test", "test.*"]),
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),

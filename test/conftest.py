@@ -1,0 +1,73 @@
+"""What every test process gets before anything imports rclpy: its own ROS domain and logs, reproducible examples."""
+
+from __future__ import annotations
+
+import os
+import socket
+import tempfile
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+TEST = Path(__file__).resolve().parent
+
+
+def _claim_ros_domain() -> tuple[int, socket.socket]:
+    """Take a ROS domain that no other test process of this machine holds, of this run or of another.
+
+    An abstract socket is the claim: the kernel lets one process bind the name, and frees it however that process ends.
+    Domains above 101 would use ports that Linux hands out to others; 0 is where a user's own nodes are.
+    """
+    for domain in range(1, 102):
+        claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            claim.bind(f"\0flatsat_ros test in ROS domain {domain}")
+        except OSError:
+            claim.close()
+        else:
+            return domain, claim
+    raise RuntimeError("all ROS domains from 1 to 101 are taken by running tests")
+
+
+_domain, _domain_claim = _claim_ros_domain()
+_logs = tempfile.TemporaryDirectory(prefix="flatsat_ros-log-", ignore_cleanup_errors=True)
+os.environ["ROS_DOMAIN_ID"] = str(_domain)
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ["ROS_LOG_DIR"] = _logs.name
+
+# The same examples in every run; `--hypothesis-profile explore` searches for new ones.
+settings.register_profile("ci", derandomize=True, deadline=None)
+settings.register_profile("explore", max_examples=2000, deadline=None)
+settings.load_profile("ci")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Keep the tests that start processes on one worker, where each has the machine's time to itself."""
+    for item in items:
+        if item.path.is_relative_to(TEST / "nodes") or item.path.is_relative_to(TEST / "cli"):
+            item.add_marker(pytest.mark.xdist_group("processes"))
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    """The source tree that the installed package was built from."""
+    return TEST.parent
+
+
+@pytest.fixture(scope="session")
+def prefix() -> Path:
+    """Where colcon installed the package; `make test` builds and sources it."""
+    from ament_index_python import PackageNotFoundError, get_package_prefix
+
+    try:
+        return Path(get_package_prefix("flatsat_ros"))
+    except PackageNotFoundError:
+        pytest.fail("flatsat_ros is not installed: run `make test`, or colcon build and source install/setup.bash")
+
+
+@pytest.fixture(scope="session")
+def executables(prefix: Path) -> Path:
+    """The folder with the executables, as `ros2 run` finds them."""
+    return prefix / "lib" / "flatsat_ros"

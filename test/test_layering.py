@@ -1,0 +1,180 @@
+"""The layers: who imports whom, read from the source text. A wrong arrow fails here."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+import flatsat_ros
+
+PACKAGE = "flatsat_ros"
+
+
+@dataclass(frozen=True)
+class Room:
+    """What the modules of one folder may import beside the standard library and their own folder."""
+
+    rooms: frozenset[str] = frozenset()
+    lazy_rooms: frozenset[str] = frozenset()  # inside a function only
+    libraries: frozenset[str] | None = frozenset()  # None: any, ROS included
+
+
+NO_ROS = frozenset({"numpy", "scipy", "yaml"})
+ROOMS = {
+    "__init__": Room(),
+    "_resources": Room(rooms=frozenset({"core"})),
+    "core": Room(libraries=frozenset({"numpy", "yaml"})),
+    "synthesis": Room(rooms=frozenset({"core"}), libraries=NO_ROS | {"clarabel", "cvxpy"}),
+    "sim": Room(rooms=frozenset({"core"}), libraries=NO_ROS),
+    "nodes": Room(rooms=frozenset({"core", "sim", "_resources"}), libraries=None),
+    "cli": Room(
+        rooms=frozenset({"core", "sim", "synthesis", "_resources"}),
+        lazy_rooms=frozenset({"nodes"}),
+        libraries=NO_ROS | {"matplotlib", "rosbags", "tqdm"},
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Import:
+    """One imported module: dotted name, line, and whether it happens only when a function is called."""
+
+    module: str
+    line: int
+    lazy: bool
+
+
+def imports_of(file: Path, module: str) -> Iterator[Import]:
+    """Every import of a file with dotted name `module`: relative ones resolved, import_module("...") included."""
+    package = module if file.stem == "__init__" else module.rpartition(".")[0]
+
+    def walk(node: ast.AST, lazy: bool) -> Iterator[Import]:
+        match node:
+            case ast.Import(names=names):
+                yield from (Import(alias.name, node.lineno, lazy) for alias in names)
+            case ast.ImportFrom(module=base, names=names, level=level):
+                above = package.split(".")[: len(package.split(".")) - level + 1] if level else []
+                prefix = ".".join([*above, *([base] if base else [])])
+                yield from (Import(f"{prefix}.{alias.name}", node.lineno, lazy) for alias in names)
+            case ast.Call(
+                func=ast.Name(id="import_module" | "__import__") | ast.Attribute(attr="import_module"),
+                args=[ast.Constant(value=str(name)), *_],
+            ):
+                yield Import(name, node.lineno, lazy)
+        lazy = lazy or isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda))
+        for child in ast.iter_child_nodes(node):
+            yield from walk(child, lazy)
+
+    yield from walk(ast.parse(file.read_text(encoding="utf-8")), lazy=False)
+
+
+def modules(tree: Path) -> Iterator[tuple[str, Path, str]]:
+    """(room, file, dotted name) of every module of the package in folder `tree`."""
+    for file in sorted(tree.rglob("*.py")):
+        parts = file.relative_to(tree).with_suffix("").parts
+        dotted = ".".join([PACKAGE, *(part for part in parts if part != "__init__")])
+        yield parts[0], file, dotted
+
+
+def violations(tree: Path) -> list[str]:
+    """Every import in the package folder `tree` that its room may not have, as `file:line: why`."""
+    found = []
+    for room, file, dotted in modules(tree):
+        if room not in ROOMS:
+            found.append(f"{file.relative_to(tree)}:1: {room} is no room of the house")
+            continue
+        for imported in imports_of(file, dotted):
+            if not _allowed(room, imported):
+                found.append(f"{file.relative_to(tree)}:{imported.line}: {room} may not import {imported.module}")
+    return found
+
+
+def _allowed(room: str, imported: Import) -> bool:
+    top, _, rest = imported.module.partition(".")
+    if top == PACKAGE:
+        target = rest.partition(".")[0]
+        own_or_root = target == room or target not in ROOMS  # flatsat_ros.__version__ belongs to nobody
+        return own_or_root or target in ROOMS[room].rooms or (imported.lazy and target in ROOMS[room].lazy_rooms)
+    libraries = ROOMS[room].libraries
+    return top in sys.stdlib_module_names or libraries is None or top in libraries
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    """A small package in which every arrow is right."""
+    files = {
+        "__init__.py": '__version__ = "0"',
+        "_resources.py": "from flatsat_ros.core.errors import FlatsatError",
+        "core/__init__.py": "",
+        "core/law.py": "import math\nimport numpy as np\nimport yaml\nfrom .errors import FlatsatError",
+        "synthesis/nominal.py": "import cvxpy as cp\nfrom flatsat_ros.core import law",
+        "sim/drone.py": "import numpy as np\nfrom flatsat_ros import __version__\nfrom ..core.law import step",
+        "nodes/controller.py": "import rclpy\nfrom std_msgs.msg import Header\nfrom flatsat_ros.sim import drone",
+        "cli/demo.py": "import matplotlib\n\ndef main():\n    from flatsat_ros.nodes import controller",
+    }
+    for name, text in files.items():
+        file = tmp_path / PACKAGE / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding="utf-8")
+    return tmp_path / PACKAGE
+
+
+def test_right_arrows_are_accepted(tree: Path) -> None:
+    assert violations(tree) == []
+
+
+@pytest.mark.parametrize(
+    ("module", "line", "culprit"),
+    [
+        ("core/bad.py", "import rclpy", "rclpy"),
+        ("core/bad.py", "from geometry_msgs.msg import Twist", "geometry_msgs"),
+        ("core/bad.py", "import scipy.linalg", "scipy"),
+        ("core/bad.py", "def f():\n    import cvxpy", "cvxpy"),
+        ("core/bad.py", "import importlib\nimportlib.import_module('rclpy')", "rclpy"),
+        ("core/bad.py", "from flatsat_ros.sim.drone import Drone", "sim"),
+        ("core/bad.py", "from flatsat_ros import sim", "sim"),
+        ("core/bad.py", "from .. import sim", "sim"),
+        ("core/bad.py", "from ..nodes import controller", "nodes"),
+        ("core/__init__.py", "from ..sim import drone", "sim"),
+        ("core/bad.py", "from flatsat_ros import _resources", "_resources"),
+        ("__init__.py", "from flatsat_ros.core import law", "core"),
+        ("sim/bad.py", "import rclpy", "rclpy"),
+        ("sim/bad.py", "from flatsat_ros.synthesis import nominal", "synthesis"),
+        ("synthesis/bad.py", "from flatsat_ros.sim import drone", "sim"),
+        ("synthesis/bad.py", "from std_msgs.msg import Header", "std_msgs"),
+        ("nodes/bad.py", "from flatsat_ros.cli import demo", "cli"),
+        ("nodes/bad.py", "from flatsat_ros.synthesis import nominal", "synthesis"),
+        ("cli/bad.py", "from flatsat_ros.nodes import controller", "nodes"),
+        ("cli/bad.py", "def main():\n    import rclpy", "rclpy"),
+        ("attic/bad.py", "import math", "attic"),
+    ],
+)
+def test_wrong_arrow_is_found(tree: Path, module: str, line: str, culprit: str) -> None:
+    file = tree / module
+    file.parent.mkdir(exist_ok=True)
+    file.write_text(line, encoding="utf-8")
+    assert [culprit in text and text.startswith(module) for text in violations(tree)] == [True]
+
+
+def test_the_package_keeps_its_layers() -> None:
+    package = Path(flatsat_ros.__file__).parent
+    assert violations(package) == []
+    assert {room for room, _, _ in modules(package)} == set(ROOMS)
+
+
+def test_every_ros_package_the_nodes_need_is_declared(root: Path) -> None:
+    declared = {depend.text for depend in ElementTree.parse(root / "package.xml").iter("depend")}
+    needed = {
+        imported.module.partition(".")[0]
+        for room, file, dotted in modules(Path(flatsat_ros.__file__).parent)
+        if room == "nodes"
+        for imported in imports_of(file, dotted)
+        if not imported.lazy  # what is imported lazily may be absent
+    }
+    assert needed - set(sys.stdlib_module_names) - NO_ROS - {PACKAGE, "rosbags"} <= declared

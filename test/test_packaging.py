@@ -1,0 +1,96 @@
+"""What colcon installed is complete and importable, and what the package says of itself agrees everywhere."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from importlib.metadata import EntryPoint, distribution
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+
+import flatsat_ros
+from flatsat_ros._resources import config_path
+from flatsat_ros.core.errors import FlatsatError
+
+EXECUTABLES = ["controller", "demo", "mocap_player", "sim_drone", "synthesize"]
+
+
+def entry_points() -> dict[str, EntryPoint]:
+    return {entry.name: entry for entry in distribution("flatsat_ros").entry_points if entry.group == "console_scripts"}
+
+
+def configuration(root: Path) -> list[Path]:
+    return sorted(file.relative_to(root) for file in (root / "config").rglob("*.yaml"))
+
+
+def test_what_was_installed_is_what_is_tested(root: Path, prefix: Path) -> None:
+    assert Path(flatsat_ros.__file__).parent != root / "flatsat_ros"
+    assert (prefix / "share/ament_index/resource_index/packages/flatsat_ros").is_file()
+
+
+def test_colcon_sees_an_ament_python_package(root: Path) -> None:
+    colcon = shutil.which("colcon", path=os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
+    assert colcon is not None
+    command = [colcon, "--log-base", os.devnull, "list", "--base-paths", str(root)]
+    listed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert listed.split("\t")[::2] == ["flatsat_ros", "(ros.ament_python)\n"]
+
+
+def test_no_executable_is_missing_or_undocumented(executables: Path) -> None:
+    assert sorted(entry_points()) == EXECUTABLES
+    assert sorted(file.name for file in executables.iterdir() if os.access(file, os.X_OK)) == EXECUTABLES
+
+
+@pytest.mark.parametrize("name", EXECUTABLES)
+def test_entry_point_is_importable(name: str) -> None:
+    assert entry_points()[name].attr == "main"
+    assert callable(entry_points()[name].load())
+
+
+def test_every_configuration_file_is_installed_and_found(root: Path, prefix: Path) -> None:
+    files = configuration(root)
+    assert Path("config/paper_experiment.yaml") in files
+    assert Path("config/vehicles/cf21.yaml") in files
+    share = prefix / "share/flatsat_ros"
+    assert sorted(file.relative_to(share) for file in (share / "config").rglob("*.yaml")) == files
+    for file in files:
+        folder = str(file.parent.relative_to("config")).removeprefix(".")
+        assert config_path(file.stem, folder).read_bytes() == (root / file).read_bytes()
+
+
+def test_a_path_of_the_users_is_taken_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    own = tmp_path / "cf21.yaml"
+    own.touch()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert config_path(str(own)) == own
+    assert config_path("cf21.yaml", "vehicles").samefile(own)
+    assert config_path("./cf21.yaml").samefile(own)
+    assert config_path("~/cf21.yaml") == own
+
+
+@pytest.mark.parametrize("name", ["paper_experimnt", "paper_experimnt.yaml", "./paper_experimnt", "", "vehicles"])
+def test_a_missing_configuration_is_refused_with_the_names_that_exist(name: str) -> None:
+    with pytest.raises(FlatsatError, match=r"there is no .*paper_experiment, paper_simulation"):
+        config_path(name)
+
+
+def test_versions_agree(root: Path) -> None:
+    version = flatsat_ros.__version__
+    assert re.fullmatch(r"\d+\.\d+\.\d+", version)
+    assert distribution("flatsat_ros").version == version
+    assert ElementTree.parse(root / "package.xml").findtext("version") == version
+    assert yaml.safe_load((root / "CITATION.cff").read_text(encoding="utf-8"))["version"] == version
+
+
+def test_licences_agree(root: Path) -> None:
+    assert ElementTree.parse(root / "package.xml").findtext("license") == "Apache-2.0"
+    assert yaml.safe_load((root / "CITATION.cff").read_text(encoding="utf-8"))["license"] == "Apache-2.0"
+    assert distribution("flatsat_ros").metadata["License"] == "Apache-2.0"
+    assert "Apache License" in (root / "LICENSE").read_text(encoding="utf-8")
