@@ -18,7 +18,7 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 
-from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.errors import FlatsatError, require
 
 FloatArray = NDArray[np.float64]
 T = TypeVar("T")
@@ -26,24 +26,18 @@ T = TypeVar("T")
 PWM_FULL = 65535  # the 16-bit thrust command that stands for force_max
 
 
-def _require(ok: bool, name: str, value: object, valid: str) -> None:
-    """Raise FlatsatError unless ok."""
-    if not ok:
-        raise FlatsatError(f"{name} is {value}: valid is {valid}")
-
-
 def _positive(owner: object, *names: str) -> None:
     """Require finite positive fields."""
     for name in names:
         value = getattr(owner, name)
-        _require(math.isfinite(value) and value > 0, name, value, "a finite number above 0")
+        require(math.isfinite(value) and value > 0, name, value, "a finite number above 0")
 
 
 def _not_negative(owner: object, *names: str) -> None:
     """Require finite fields of zero or more."""
     for name in names:
         value = getattr(owner, name)
-        _require(math.isfinite(value) and value >= 0, name, value, "a finite number of 0 or more")
+        require(math.isfinite(value) and value >= 0, name, value, "a finite number of 0 or more")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +58,7 @@ class AttitudeResponse:
         _positive(self, "natural_frequency", "damping")
         _not_negative(self, "actuator_lag")
         bound = 2.0 * self.damping / self.natural_frequency  # Routh-Hurwitz: tau_a wn < 2 zeta
-        _require(self.actuator_lag < bound, "actuator_lag", self.actuator_lag, f"below {bound:.4g} s (a stable loop)")
+        require(self.actuator_lag < bound, "actuator_lag", self.actuator_lag, f"below {bound:.4g} s (a stable loop)")
 
     @property
     def mean_delay(self) -> float:
@@ -125,9 +119,9 @@ class Motors:
         _not_negative(self, "force_min", "idle_pwm")
         _, c1, c2, c3 = self.voltage_to_force
         increasing = c3 > 0 and c1 > 0 and (c2 >= 0 or c2 * c2 < 3.0 * c1 * c3)
-        _require(increasing, "voltage_to_force", self.voltage_to_force, "a cubic that increases from 0 V on")
-        _require(1 <= self.bits <= 16, "bits", self.bits, "1 to 16")
-        _require(self.idle_pwm <= PWM_FULL, "idle_pwm", self.idle_pwm, f"at most {PWM_FULL}")
+        require(increasing, "voltage_to_force", self.voltage_to_force, "a cubic that increases from 0 V on")
+        require(1 <= self.bits <= 16, "bits", self.bits, "1 to 16")
+        require(self.idle_pwm <= PWM_FULL, "idle_pwm", self.idle_pwm, f"at most {PWM_FULL}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,7 +138,7 @@ class BatteryLimits:
 
     def __post_init__(self) -> None:
         _positive(self, "low_voltage", "critical_voltage")
-        _require(
+        require(
             self.critical_voltage <= self.low_voltage,
             "critical_voltage",
             self.critical_voltage,
@@ -176,9 +170,9 @@ class VehicleProfile:
 
     def __post_init__(self) -> None:
         _positive(self, "mass", "force_max", "pwm_max")
-        _require(self.pwm_max <= PWM_FULL, "pwm_max", self.pwm_max, f"at most {PWM_FULL}")
+        require(self.pwm_max <= PWM_FULL, "pwm_max", self.pwm_max, f"at most {PWM_FULL}")
         heaviest = self.mass * self.thrust_max / 9.81
-        _require(self.mass < heaviest, "mass", self.mass, f"below {heaviest:.4g} kg, which is all that the motors lift")
+        require(self.mass < heaviest, "mass", self.mass, f"below {heaviest:.4g} kg, which is all that the motors lift")
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> VehicleProfile:
@@ -253,7 +247,7 @@ def _convert(kind: Any, value: object, where: str) -> object:
     if dataclasses.is_dataclass(kind):
         return _build(cast("type[object]", kind), value, where)
     if kind in (str, bool, int):
-        _require(type(value) is kind, where, repr(value), f"of type {kind.__name__}")
+        require(type(value) is kind, where, repr(value), f"of type {kind.__name__}")
         return value
     if kind is float:
         if isinstance(value, bool) or not isinstance(value, (int, float)):

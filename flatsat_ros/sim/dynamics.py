@@ -5,16 +5,17 @@ Attitude is ZYX Euler angles (roll, pitch, yaw), body -> world = Rz(psi) Ry(thet
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from flatsat_ros.core.flatness import acceleration_from_input
+from flatsat_ros.core.errors import require
+from flatsat_ros.core.flatness import FloatArray, acceleration_from_input, finite_array
 from flatsat_ros.core.vehicle import AttitudeResponse, Dynamics
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 STEP = 0.002  # s: 500 Hz, the rate of the firmware's attitude loop
@@ -96,9 +97,10 @@ def _attitude_step(response: AttitudeResponse, gain: float) -> tuple[FloatArray,
 
 def _matrix_exponential(matrix: FloatArray) -> FloatArray:
     """Return exp(matrix) by scaling, a Taylor series, and squaring."""
-    halvings = max(0, int(np.ceil(np.log2(max(np.linalg.norm(matrix), 1e-300)))) + 3)
+    halvings = max(0, math.ceil(math.log2(float(np.linalg.norm(matrix)))) + 3)
     scaled = matrix / 2.0**halvings
-    result = term = np.eye(len(matrix))
+    term = np.eye(len(matrix))
+    result = term
     for order in range(1, 16):
         term = term @ scaled / order
         result = result + term
@@ -119,12 +121,17 @@ class Wind:
     gust: float = 0.0
     gust_time: float = 1.0
 
+    def __post_init__(self) -> None:
+        require(finite_array("mean", self.mean).shape == (3,), "mean", self.mean, "three velocities, m/s")
+        require(0.0 <= self.gust < np.inf, "gust", self.gust, "0 m/s or more")
+        require(0.0 < self.gust_time < np.inf, "gust_time", self.gust_time, "a finite time above 0 s")
+
     def next_gust(self, gust: FloatArray, generator: np.random.Generator) -> FloatArray:
         """Return the (3,) deviation from the mean one STEP later, m/s; exact for any STEP."""
         if self.gust == 0.0:
             return gust
-        keep = np.exp(-STEP / self.gust_time)
-        return keep * gust + self.gust * np.sqrt(1.0 - keep * keep) * generator.standard_normal(3)
+        keep = math.exp(-STEP / self.gust_time)
+        return gust * keep + generator.normal(0.0, self.gust * math.sqrt(1.0 - keep * keep), 3)
 
 
 class Bodies:
@@ -140,10 +147,12 @@ class Bodies:
         capsized: (N,) fell over at touch-down and lies there.
     """
 
-    def __init__(self, response: Response, position: ArrayLike, yaw: ArrayLike, thrust: float, floor: float) -> None:
+    def __init__(
+        self, response: Response, position: FloatArray, yaw: FloatArray, *, thrust: float, floor: float
+    ) -> None:
         self._response = response
         self._floor = floor
-        self.position = np.array(position, dtype=np.float64)
+        self.position = position.copy()
         count = len(self.position)
         self.velocity = np.zeros((count, 3))
         self.acceleration = np.zeros((count, 3))

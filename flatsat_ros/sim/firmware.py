@@ -3,8 +3,8 @@
 A restatement of bitcraze/crazyflie-firmware, release 2026.08; the file and function behind each rule stand beside it.
 Time is given from outside in integer milliseconds, as the firmware's own ticks; nothing here knows a clock.
 
-Not modelled: deck faults, motor speed checks (bidirectional DSHOT only), the emergency stop watchdog, the parameters
-of flightmode other than stabModeYaw, crash detection by acceleration (off by default), the high-level commander's flight.
+Not modelled: deck faults, motor speed checks (bidirectional DSHOT only), the emergency stop watchdog, crash detection
+by acceleration (off by default), flightmode parameters other than stabModeYaw, flight by the high-level commander.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.errors import require
 from flatsat_ros.core.vehicle import PWM_FULL, VehicleProfile
 
 FloatArray = NDArray[np.float64]
@@ -55,9 +55,9 @@ class State(IntEnum):
 
 
 # stabilizer.c stabilizerTask: in any other state the set-point is nulled (supervisor.c supervisorCanFly)
-CAN_FLY = (State.READY_TO_FLY, State.FLYING, State.LEVEL_OUT, State.LANDED)
+CAN_FLY = np.isin(list(State), (State.READY_TO_FLY, State.FLYING, State.LEVEL_OUT, State.LANDED))
 # supervisor.c supervisorAreMotorsAllowedToRun, and postTransitionActions: any other state disarms
-MOTORS_ALLOWED = (State.ARMING, *CAN_FLY)
+MOTORS_ALLOWED = CAN_FLY | np.isin(list(State), State.ARMING)
 
 
 @dataclass(frozen=True)
@@ -193,8 +193,7 @@ class Firmware:
         Raises:
             FlatsatError: the thrust does not fit the packet.
         """
-        if not 0.0 <= thrust <= PWM_FULL:
-            raise FlatsatError(f"thrust is {thrust}: valid is 0 to {PWM_FULL}")
+        require(0.0 <= thrust <= PWM_FULL, "thrust", thrust, f"0 to {PWM_FULL}")
         if not self.powered[index]:
             return
         if thrust == 0.0:
@@ -243,7 +242,7 @@ class Firmware:
             voltage: (N,) battery, V.
         """
         self._manage_power(now, voltage)
-        self._received[self._silenced & np.isin(self.state, CAN_FLY)] = now
+        self._received[self._silenced & CAN_FLY[self.state]] = now
         self._check_tumbled(now, specific_force)
         # isFlyingCheck: a motor above idle, or that not longer ago than the hysteresis
         self._thrusting[ratio * PWM_FULL > self._profile.motors.idle_pwm] = now
@@ -266,7 +265,7 @@ class Firmware:
         self._ready[entered & (state == State.READY_TO_FLY)] = now
         self._landed[entered & (state == State.LANDED)] = now
         self.crashed[entered & (state == State.CRASHED)] = True
-        self.armed &= ~entered | np.isin(state, MOTORS_ALLOWED)
+        self.armed &= ~entered | MOTORS_ALLOWED[state]
         if self._auto_arming:
             self.armed |= entered & (state == State.PREFLIGHT_PASSED)
 
@@ -301,7 +300,7 @@ class Firmware:
         Returns:
             (3, N) desired roll, pitch, yaw, rad, NaN for an axis that nobody controls; (N,) PWM; (N,) motors allowed.
         """
-        roll, pitch, turn, thrust = np.where(self.powered & np.isin(self.state, CAN_FLY), self._setpoint, 0.0)
+        roll, pitch, turn, thrust = np.where(self.powered & CAN_FLY[self.state], self._setpoint, 0.0)
         level = self.state == State.LEVEL_OUT
         hold_yaw = level | np.array(self._absolute_yaw)
         self._yaw_goal = self._yaw_goal + np.where(hold_yaw, 0.0, turn * dt)
@@ -313,7 +312,7 @@ class Firmware:
         goal = yaw + np.remainder(self._yaw_goal - yaw + np.pi, 2.0 * np.pi) - np.pi
         angles = np.stack([np.where(level, 0.0, roll), np.where(level, 0.0, pitch), goal])
         self._lost = ~stopped & (self._lost | ~np.isfinite(angles))
-        running = self.powered & np.isin(self.state, MOTORS_ALLOWED)
+        running = self.powered & MOTORS_ALLOWED[self.state]
         return np.where(self._lost, np.nan, np.where(stopped & ~np.isfinite(angles), 0.0, angles)), thrust, running
 
     def info(self) -> IntArray:
@@ -325,8 +324,8 @@ class Firmware:
             self.state == State.PREFLIGHT_PASSED,
             self.armed,
             np.full_like(self.armed, self._auto_arming),
-            np.isin(self.state, CAN_FLY),
-            np.isin(self.state, (State.FLYING, State.LEVEL_OUT)),
+            CAN_FLY[self.state],
+            (self.state == State.FLYING) | (self.state == State.LEVEL_OUT),
             self.tumbled,
             self.state == State.LOCKED,
             self.crashed,

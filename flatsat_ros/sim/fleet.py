@@ -6,16 +6,15 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from flatsat_ros.core.errors import FlatsatError
-from flatsat_ros.core.vehicle import VehicleProfile
+from flatsat_ros.core.errors import require
+from flatsat_ros.core.flatness import FloatArray, finite_array
+from flatsat_ros.core.vehicle import PWM_FULL, VehicleProfile
 from flatsat_ros.sim.dynamics import GRAVITY, STEP, Bodies, Ideal, Identified, Response, Wind
 from flatsat_ros.sim.firmware import SUPERVISOR_PERIOD, Firmware
 from flatsat_ros.sim.power import Battery, IdealPowerTrain, PowerTrain
 from flatsat_ros.sim.sensor import MotionCapture, Recorder, Sample
-
-FloatArray = NDArray[np.float64]
 
 _MILLISECONDS = round(STEP * 1000)
 _SUPERVISOR_STEPS = SUPERVISOR_PERIOD // _MILLISECONDS
@@ -26,7 +25,7 @@ class _Packet(NamedTuple):
     """A set-point under way."""
 
     step: int
-    index: int
+    drone: int
     roll: float
     pitch: float
     yaw: float
@@ -86,28 +85,29 @@ class SimulatedFleet:
         Raises:
             FlatsatError: an argument is out of its bounds.
         """
-        if dynamics not in ("identified", "ideal"):
-            raise FlatsatError(f"dynamics is {dynamics!r}: valid is 'identified' or 'ideal'")
-        if count < 1:
-            raise FlatsatError(f"count is {count}: valid is 1 or more")
-        if not 0.0 <= command_delay < np.inf:
-            raise FlatsatError(f"command_delay is {command_delay}: valid is 0 s or more")
+        require(dynamics in ("identified", "ideal"), "dynamics", dynamics, "identified or ideal")
+        require(count >= 1, "count", count, "1 or more")
+        require(bool(np.isfinite(floor)), "floor", floor, "a finite height, m")
+        require(0.0 <= command_delay < np.inf, "command_delay", command_delay, "0 s or more")
         if start is None:
-            start = np.outer(np.arange(count), (0.5, 0.0, 0.0)) + (0.0, 0.0, floor)
-        position = np.asarray(start, dtype=np.float64)
-        if position.shape != (count, 3) or not np.isfinite(position).all():
-            raise FlatsatError(f"start has shape {position.shape}: valid is {(count, 3)}, all finite")
+            start = np.linspace((0.0, 0.0, floor), (0.5 * (count - 1), 0.0, floor), count)
+        position = finite_array("start", start, 3)
+        require(position.shape == (count, 3), "start's shape", position.shape, str((count, 3)))
+        scale = _per_drone("thrust_scale", thrust_scale, count)
+        require(bool((scale > 0.0).all()), "thrust_scale", scale, "above 0")
 
         ideal = dynamics == "ideal"
         response: Response = Ideal() if ideal else Identified(profile.dynamics)
         train = IdealPowerTrain if ideal else PowerTrain
         self.count = count
-        self.bodies = Bodies(response, position, yaw, GRAVITY if flying else 0.0, floor)
+        self.bodies = Bodies(
+            response, position, _per_drone("yaw", yaw, count), thrust=GRAVITY if flying else 0.0, floor=floor
+        )
         self.firmware = Firmware(profile, count, absolute_yaw=absolute_yaw)
         self.power = train(profile, battery or Battery(), count)
         if flying:
             self.firmware.start_flying(float(profile.pwm_from_thrust(GRAVITY)))
-        self._acceleration_of_force = np.broadcast_to(np.asarray(thrust_scale, dtype=np.float64), count) / profile.mass
+        self._acceleration_of_force = scale / profile.mass
         self._delay = command_delay + (0.0 if ideal else profile.delay)
         self._wind = wind or Wind()
         self._gust = np.zeros(3)
@@ -138,8 +138,7 @@ class SimulatedFleet:
             FlatsatError: no such drone, or a thrust that no packet can carry. Angles may be NaN: see firmware.
         """
         self._check(index)
-        if not 0.0 <= thrust_pwm <= 65535.0:
-            raise FlatsatError(f"thrust_pwm is {thrust_pwm}: valid is 0 to 65535")
+        require(0.0 <= thrust_pwm <= PWM_FULL, "thrust_pwm", thrust_pwm, f"0 to {PWM_FULL}")
         step = int(np.ceil((self._now + self._delay) / STEP - _ROUNDING))
         self._packets.append(_Packet(step, index, roll, pitch, yaw_rate, thrust_pwm))
 
@@ -151,8 +150,7 @@ class SimulatedFleet:
 
     def advance_to(self, time: float) -> None:
         """Integrate to an absolute time, s; times already passed are an error."""
-        if not self._now <= time < np.inf:
-            raise FlatsatError(f"time is {time}: valid is {self._now} s, the present, or later")
+        require(self._now <= time < np.inf, "time", time, f"{self._now} s, the present, or later")
         self._now = time
         last = int(np.floor(time / STEP + _ROUNDING))
         while self._step < last:
@@ -188,5 +186,11 @@ class SimulatedFleet:
 
     def _check(self, index: int) -> None:
         """Refuse an index outside the fleet."""
-        if not 0 <= index < self.count:
-            raise FlatsatError(f"index is {index}: valid is 0 to {self.count - 1}")
+        require(0 <= index < self.count, "index", index, f"0 to {self.count - 1}")
+
+
+def _per_drone(name: str, value: ArrayLike, count: int) -> FloatArray:
+    """Return a scalar or (N,) value as (N,)."""
+    array = finite_array(name, value)
+    require(array.shape in ((), (count,)), f"{name}'s shape", array.shape, f"() or ({count},)")
+    return np.broadcast_to(array, count)

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flatsat_ros.core.errors import require
+from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.vehicle import PWM_FULL, VehicleProfile
 from flatsat_ros.sim.dynamics import STEP
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 # the firmware low-passes the battery voltage with 0.01 per millisecond (stabilizer.c, batteryCompensation)
@@ -30,6 +31,11 @@ class Battery:
     voltage: float = 4.0
     sag: float = 0.0
     drain: float = 0.0
+
+    def __post_init__(self) -> None:
+        require(0.0 < self.voltage < np.inf, "voltage", self.voltage, "a finite voltage above 0 V")
+        require(0.0 <= self.sag < self.voltage, "sag", self.sag, f"0 V to below the voltage, {self.voltage} V")
+        require(0.0 <= self.drain < np.inf, "drain", self.drain, "0 V/s or more")
 
 
 class PowerTrain:

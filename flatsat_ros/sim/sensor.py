@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from flatsat_ros.core.errors import require
+from flatsat_ros.core.flatness import FloatArray
 
 _ROUNDING = 1e-9  # s: times closer than this are the same
 
@@ -20,13 +19,13 @@ class Sample(NamedTuple):
 
     Attributes:
         stamp: when it was true, s.
-        index: whose it is.
+        drone: whose it is, the index in the fleet.
         position: (3,) m, world.
         quaternion: (4,) x, y, z, w; body -> world.
     """
 
     stamp: float
-    index: int
+    drone: int
     position: FloatArray
     quaternion: FloatArray
 
@@ -48,6 +47,13 @@ class MotionCapture:
     dropout: float = 0.0
     gaps: tuple[tuple[float, float], ...] = ()
     latency: float = 0.0
+
+    def __post_init__(self) -> None:
+        require(0.0 < self.rate < np.inf, "rate", self.rate, "a finite rate above 0 Hz")
+        require(0.0 <= self.noise < np.inf, "noise", self.noise, "0 m or more")
+        require(0.0 <= self.dropout <= 1.0, "dropout", self.dropout, "a probability, 0 to 1")
+        require(all(start <= end for start, end in self.gaps), "gaps", self.gaps, "pairs of start and end, s")
+        require(0.0 <= self.latency < np.inf, "latency", self.latency, "0 s or more")
 
 
 class Recorder:
