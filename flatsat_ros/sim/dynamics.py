@@ -203,7 +203,7 @@ class Bodies:
             angles: (3, N) commanded roll, pitch, yaw, rad; NaN for an axis that nobody controls.
             wind: (3,) air velocity, world frame, m/s.
         """
-        before = self.attitude
+        place, attitude = self.position, self.attitude
         self.thrust = self._response.thrust(self.thrust, thrust)
         self.attitude = self._next_attitude(angles)
 
@@ -212,7 +212,7 @@ class Bodies:
         self.position = self.position + self.velocity * self._f1 + pushed * self._f2
         self.velocity = self.velocity * self._keep + pushed * self._f1
         self.acceleration = pushed - self._response.drag * self.velocity
-        self._touch_floor(before)
+        self._touch_floor(place, attitude)
 
     def _next_attitude(self, command: FloatArray) -> FloatArray:
         """Return the attitude one STEP later: controlled, or drifting away where the command is NaN."""
@@ -225,8 +225,13 @@ class Bodies:
         controlled = self._response.attitude(self.attitude, np.where(lost, 0.0, command))
         return np.where(lost[..., None], drift, controlled)
 
-    def _touch_floor(self, before: FloatArray) -> None:
-        """Stop what touches the floor: it does not sink, slide or turn; upright it stands level, else it lies."""
+    def _touch_floor(self, place: FloatArray, attitude: FloatArray) -> None:
+        """Stop what touches the floor: it does not sink, slide or turn; upright it stands level, else it lies.
+
+        Args:
+            place: (N, 3) position one STEP ago.
+            attitude: (3, N, 3) attitude one STEP ago.
+        """
         falling = (self.position[:, 2] <= self._floor) & (self.velocity[:, 2] <= 0.0)
         self.grounded = falling | self.capsized
         if not self.grounded.any():
@@ -234,10 +239,11 @@ class Bodies:
         upright = np.cos(self.attitude[0, :, 0]) * np.cos(self.attitude[1, :, 0])
         self.capsized = self.capsized | (falling & (upright < STANDING))
         down = self.grounded
+        self.position[down] = place[down]
         self.position[down, 2] = self._floor
         self.velocity[down] = 0.0
         self.acceleration[down] = 0.0
-        self.attitude[:, down, 0] = before[:, down, 0]
+        self.attitude[:, down, 0] = attitude[:, down, 0]
         self.attitude[:, down, 1:] = 0.0
         self.attitude[:2, down & ~self.capsized, 0] = 0.0
 

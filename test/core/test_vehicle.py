@@ -1,0 +1,113 @@
+"""Laws of vehicle profiles."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.vehicle import VehicleProfile
+from hypothesis import given
+from hypothesis import strategies as st
+
+VEHICLES = Path(__file__).parents[2] / "config" / "vehicles"
+NAMES = ("cf21", "cf2x_2025", "thrust_kit", "brushless")
+
+
+def profile(name: str = "cf21") -> VehicleProfile:
+    return VehicleProfile.load(VEHICLES / f"{name}.yaml")
+
+
+@pytest.mark.parametrize("path", sorted(VEHICLES.glob("*.yaml")), ids=lambda path: path.stem)
+def test_every_packaged_profile_loads_under_its_own_name(path: Path) -> None:
+    assert VehicleProfile.load(path).name == path.stem
+    assert path.stem in NAMES
+
+
+@pytest.mark.parametrize(
+    ("name", "ratio"), [("cf21", 1.55), ("cf2x_2025", 1.45), ("thrust_kit", 2.07), ("brushless", 1.90)]
+)
+def test_thrust_to_weight_ratio_at_pwm_60000(name: str, ratio: float) -> None:
+    assert profile(name).thrust_max / 9.81 == pytest.approx(ratio, abs=0.006)
+
+
+@pytest.mark.parametrize(("name", "hover"), [("cf21", 42593), ("cf2x_2025", 45432)])
+def test_hover_pwm_of_a_drone_of_31_8_grams(name: str, hover: int, tmp_path: Path) -> None:
+    document = yaml.safe_load((VEHICLES / f"{name}.yaml").read_text())
+    path = tmp_path / "heavier.yaml"
+    path.write_text(yaml.safe_dump(document | {"mass": 0.0318}))
+    assert VehicleProfile.load(path).pwm_from_thrust(9.81) == pytest.approx(hover, abs=1.0)
+
+
+@given(st.lists(st.floats(0.0, 20.0), min_size=1))
+def test_pwm_and_thrust_are_linear_and_inverse(thrusts: list[float]) -> None:
+    cf21 = profile()
+    pwm = cf21.pwm_from_thrust(thrusts)
+    np.testing.assert_allclose(cf21.thrust_from_pwm(pwm), thrusts, rtol=1e-14)
+    np.testing.assert_allclose(cf21.pwm_from_thrust(2.0 * np.array(thrusts)), 2.0 * pwm, rtol=1e-14)
+    assert cf21.pwm_from_thrust(cf21.thrust_max) == pytest.approx(cf21.pwm_max, rel=1e-14)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_lag_is_the_slowest_of_attitude_and_thrust(name: str) -> None:
+    dynamics = profile(name).dynamics
+    mean_delay = 2.0 * dynamics.attitude.damping / dynamics.attitude.natural_frequency
+    assert profile(name).lag == max(mean_delay, dynamics.thrust_lag_up, dynamics.thrust_lag_down)
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"colour": "red"}, "colour"),
+        ({"mass": None}, "number"),
+        ({"mass": True}, "number"),
+        ({"mass": "1e-3"}, "1.0e-3"),
+        ({"mass": -0.03}, "mass"),
+        ({"mass": float("nan")}, "mass"),
+        ({"mass": 31.8}, "all that the motors lift"),
+        ({"name": 7}, "str"),
+        ({"pwm_max": 70000}, "65535"),
+        ({"dynamics": 1.0}, "mapping"),
+        ({"motors.bits": 8.0}, "int"),
+        ({"motors.bits": 17}, "1 to 16"),
+        ({"motors.idle_pwm": 1e6}, "65535"),
+        ({"motors.arming_required": "no"}, "bool"),
+        ({"motors.voltage_to_force": [0.0, 1.0]}, "list of 4"),
+        ({"motors.voltage_to_force": [0.0, 0.1, -0.1, 0.01]}, "increases"),
+        ({"dynamics.attitude.actuator_lag": 0.2}, "stable"),
+        ({"dynamics.attitude.damping": 0.0}, "damping"),
+        ({"dynamics.thrust_lag_up": 0.0}, "thrust_lag_up"),
+        ({"dynamics.drag_z": -1.0}, "drag_z"),
+        ({"battery.critical_voltage": 3.5}, "low_voltage"),
+    ],
+)
+def test_a_wrong_profile_is_refused_by_name(change: dict[str, object], complaint: str, tmp_path: Path) -> None:
+    document = yaml.safe_load((VEHICLES / "cf21.yaml").read_text())
+    for dotted, value in change.items():
+        *sections, key = dotted.split(".")
+        target = document
+        for section in sections:
+            target = target[section]
+        target[key] = value
+    path = tmp_path / "wrong.yaml"
+    path.write_text(yaml.safe_dump(document))
+    with pytest.raises(FlatsatError, match=complaint) as refusal:
+        VehicleProfile.load(path)
+    assert str(path) in str(refusal.value)
+
+
+def test_a_missing_key_is_refused(tmp_path: Path) -> None:
+    document = yaml.safe_load((VEHICLES / "cf21.yaml").read_text())
+    del document["dynamics"]["drag_z"]
+    path = tmp_path / "wrong.yaml"
+    path.write_text(yaml.safe_dump(document))
+    with pytest.raises(FlatsatError, match="drag_z"):
+        VehicleProfile.load(path)
+
+
+@pytest.mark.parametrize("text", ["", "- 1\n", "{", "\x80"])
+def test_what_is_no_profile_is_refused(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "wrong.yaml"
+    path.write_text(text, encoding="latin-1")
+    with pytest.raises(FlatsatError):
+        VehicleProfile.load(path)
