@@ -1,0 +1,188 @@
+"""The nominal certificate: in closed form, and computed once more by the paper's semidefinite programs.
+
+Every Q with Q A' + A Q - 2 B B' <= -alpha Q is at most the Q = P^-1 of the closed form (in the order of symmetric
+matrices), so that maximising any trace(W Q) with W > 0 must return just that. The largest level eps is the S-procedure
+of the paper's eq. 15. Solver and closed form share no arithmetic: what they agree on is not a slip of either.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import Any
+
+import cvxpy as cp
+import numpy as np
+
+import flatsat_ros
+from flatsat_ros.core.certificate import Certificate
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.flatness import FloatArray
+from flatsat_ros.core.input_set import InputSet
+from flatsat_ros.core.lyapunov import closed_form_block, hold_gain_interval, require_positive
+
+# Largest relative difference between the solver's answer and the closed form; the solver stops at about 1e-8.
+TOLERANCE = 1e-6
+
+# Rates, 1/s, far beyond any drone at both ends; in between the arithmetic neither over- nor underflows.
+_RATE_RANGE = (1e-3, 1e3)
+
+_A = np.kron([[0.0, 1.0], [0.0, 0.0]], np.eye(3))
+_B = np.kron([[0.0], [1.0]], np.eye(3))
+
+
+@dataclass(frozen=True)
+class PaperCase:
+    """One certificate of arXiv 2308.15177, with T_max = 1.45 g, eps_max = 10 degrees and h = 0.1 s.
+
+    Attributes:
+        rate: alpha, 1/s.
+        source: where the paper states the figures, and what it leaves open.
+    """
+
+    rate: float
+    source: str
+
+
+PAPER = {
+    "paper_simulation": PaperCase(
+        1.2,
+        "arXiv 2308.15177, simulation study of the adaptive gain, Table I; the paper's simulation is in continuous "
+        "time, the period is that of its experiment",
+    ),
+    "paper_experiment": PaperCase(
+        1.25,
+        "arXiv 2308.15177, section IV with the input limits of Table I; alpha is not printed, it is the one that "
+        "gives the printed P and eps",
+    ),
+}
+
+
+def synthesize(
+    limits: InputSet, rate: float, period: float, name: str, inputs: Mapping[str, str] | None = None
+) -> Certificate:
+    """Compute the certificate of the paper's Proposition 1 and cross-check it.
+
+    P is the closed form of alpha, rho = r_in^2 with the largest ball around 0 in the input set, eps = rho / alpha, and
+    the gain interval is that of a zero-order hold over the period.
+
+    Args:
+        limits: the input set V_c.
+        rate: alpha, 1/s.
+        period: h, s.
+        name: what the certificate is called.
+        inputs: how the user stated the inputs, for the provenance.
+
+    Returns:
+        A certificate that `verify` accepts.
+
+    Raises:
+        FlatsatError: rate and period leave no admissible gain, the solver gave no optimal answer, or its answer and the
+            closed form differ by more than `TOLERANCE`.
+    """
+    rate, period = require_positive("rate (alpha)", rate, "1/s"), require_positive("period (h)", period, "s")
+    if not _RATE_RANGE[0] <= rate <= _RATE_RANGE[1]:
+        raise FlatsatError(f"rate (alpha) = {rate:.6g} 1/s: must lie in [{_RATE_RANGE[0]}, {_RATE_RANGE[1]}]")
+    gain_min, gain_max = hold_gain_interval(rate, period)
+    block, ball = closed_form_block(rate), limits.inner_radius**2
+    certificate = Certificate(
+        name=name,
+        limits=limits,
+        rate=rate,
+        block=block,
+        ball=ball,
+        level=ball / rate,
+        period=period,
+        gain_min=gain_min,
+        gain_max=gain_max,
+        provenance={
+            "package": f"flatsat_ros {flatsat_ros.__version__}",
+            "method": "closed form, cross-checked by semidefinite programs",
+            "inputs": dict(inputs or {}),
+            "solver": f"Clarabel {version('clarabel')} with cvxpy {version('cvxpy')}",
+            "cross_check": _cross_check(block, rate, ball),
+        },
+    )
+    certificate.verify()
+    return certificate
+
+
+def synthesize_paper(name: str) -> Certificate:
+    """Compute a certificate of the paper: `paper_simulation` or `paper_experiment`."""
+    case, gravity = PAPER[name], 9.81
+    inputs = {"thrust_max": "1.45 g", "tilt_max": "10 deg", "source": case.source}
+    return synthesize(InputSet(1.45 * gravity, math.radians(10.0), gravity), case.rate, 0.1, name, inputs)
+
+
+def _cross_check(block: FloatArray, rate: float, ball: float) -> dict[str, Any]:
+    """Solve both programs, compare with the closed form and return what the provenance says about it.
+
+    Residuals are rounded up to a power of ten, so that the same certificate comes out on every machine.
+    """
+    matrix = np.asarray(np.kron(block, np.eye(3)), dtype=np.float64)
+    factor = np.linalg.cholesky(matrix)
+    inverse = solve_decay(rate)
+    differences = {
+        "Q": float(np.abs(np.linalg.eigvalsh(factor.T @ inverse @ factor) - 1.0).max()),
+        "eps": abs(solve_level(matrix, rate, ball) * rate / ball - 1.0),
+    }
+    for quantity, difference in differences.items():
+        if not difference <= TOLERANCE:
+            raise FlatsatError(
+                f"closed form and semidefinite program differ in {quantity} by {difference:.3g} (relative): "
+                f"must agree to {TOLERANCE}"
+            )
+    residuals = {key: 10.0 ** math.ceil(math.log10(max(value, 1e-16))) for key, value in differences.items()}
+    return {"status": "optimal", "relative_tolerance": TOLERANCE, "relative_difference_below": residuals}
+
+
+def solve_decay(rate: float) -> FloatArray:
+    """Return the largest Q (6, 6) with Q A' + A Q - 2 B B' <= -alpha Q (paper, eq. 16) by semidefinite programming.
+
+    Raises:
+        FlatsatError: the solver did not report an optimum.
+    """
+    units = _units(rate)
+    inverse_units = np.linalg.inv(units)
+    scaled = cp.Variable((6, 6), symmetric=True)
+    Q = inverse_units @ scaled @ inverse_units
+    condition = Q @ _A.T + _A @ Q - 2.0 * _B @ _B.T + rate * Q
+    _solve("decay", cp.Problem(cp.Maximize(cp.trace(scaled)), [scaled >> 0, units @ condition @ units / rate << 0]))
+    return np.asarray(inverse_units @ scaled.value @ inverse_units, dtype=np.float64)
+
+
+def solve_level(matrix: FloatArray, rate: float, ball: float) -> float:
+    """Return the largest eps for which V <= eps implies |B'P xi|^2 <= rho (paper, eq. 15), by semidefinite programming.
+
+    Args:
+        matrix: P (6, 6).
+        rate: alpha, 1/s; only sets the units in which the solver works.
+        ball: rho, m^2/s^4.
+
+    Raises:
+        FlatsatError: the solver did not report an optimum.
+    """
+    tau, level = cp.Variable(nonneg=True), cp.Variable()
+    gradient = matrix @ _B
+    inverse_units = np.linalg.inv(_units(rate))
+    # the two diagonal blocks of the paper's matrix; level is in units of rho / alpha, tau in units of 1 / alpha
+    state = inverse_units @ (matrix - tau / rate * gradient @ gradient.T) @ inverse_units
+    _solve("level", cp.Problem(cp.Maximize(level), [state >> 0, tau - level >= 0]))
+    return float(level.value) * ball / rate
+
+
+def _units(rate: float) -> FloatArray:
+    """Return the scaling (6, 6) of the state after which P and Q have entries of order 1 for every rate."""
+    return np.asarray(np.kron(np.diag([rate**1.5, rate**0.5]), np.eye(3)), dtype=np.float64)
+
+
+def _solve(name: str, problem: cp.Problem) -> None:
+    """Solve to optimality; anything less is an error and not a statement about the program."""
+    try:
+        problem.solve(solver=cp.CLARABEL)
+    except cp.error.SolverError as error:
+        raise FlatsatError(f"the solver failed on the {name} program (which does not make it infeasible): {error}") from error
+    if problem.status != cp.OPTIMAL:
+        raise FlatsatError(f"the solver reports {problem.status!r} for the {name} program: must be 'optimal'")
