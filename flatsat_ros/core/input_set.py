@@ -54,7 +54,10 @@ class InputSet:
                 f"thrust_max = {self.thrust_max} m/s^2 cannot hover: must be above gravity = {self.gravity} m/s^2"
             )
         if not 0.0 < self.tilt_max < math.pi / 2:
-            raise FlatsatError(f"tilt_max = {self.tilt_max} rad: must lie in (0, pi/2) = (0, {math.pi / 2:.6f})")
+            raise FlatsatError(
+                f"tilt_max = {self.tilt_max:.6g} rad ({math.degrees(self.tilt_max):.6g} deg): "
+                "must lie in (0, pi/2) rad, (0, 90) deg"
+            )
         if not 0.0 <= self.thrust_min < self.gravity:
             raise FlatsatError(f"thrust_min = {self.thrust_min} m/s^2: must lie in [0, gravity) = [0, {self.gravity})")
 
