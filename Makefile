@@ -49,6 +49,9 @@ $(NOBLE_SETUP): $(NOBLE_REQUIREMENTS)
 bench: build  ## the benchmark against solvers and a bare rclpy node
 	$(SOURCED) $(BIN)/python bench/run.py $(ARGS)
 
+certificates: build  ## the paper's certificates in config/, computed again
+	$(SOURCED) $(EXECUTABLES)/synthesize --paper all --output-dir config --force
+
 lint: setup  ## ruff, and mypy --strict on core and synthesis
 	$(BIN)/ruff check .
 	$(BIN)/mypy

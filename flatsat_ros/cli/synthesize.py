@@ -127,8 +127,8 @@ def _limits(arguments: argparse.Namespace) -> tuple[InputSet, dict[str, str]]:
     limits = InputSet(thrust, math.radians(tilt), _GRAVITY)
     if vehicle is not None and thrust > vehicle.thrust_max:
         raise FlatsatError(
-            f"thrust_max = {thrust:.6g} m/s^2 ({thrust / _GRAVITY:.4g} g) is more than {vehicle.name} lifts: must be at "
-            f"most {vehicle.thrust_max:.6g} m/s^2 ({vehicle.thrust_max / _GRAVITY:.4g} g)"
+            f"thrust_max = {thrust:.6g} m/s^2 ({thrust / _GRAVITY:.4g} g) is more than {vehicle.name} lifts: must be "
+            f"at most {vehicle.thrust_max:.6g} m/s^2 ({vehicle.thrust_max / _GRAVITY:.4g} g)"
         )
     return limits, inputs
 

@@ -183,6 +183,8 @@ def _solve(name: str, problem: cp.Problem) -> None:
     try:
         problem.solve(solver=cp.CLARABEL)
     except cp.error.SolverError as error:
-        raise FlatsatError(f"the solver failed on the {name} program (which does not make it infeasible): {error}") from error
+        raise FlatsatError(
+            f"the solver failed on the {name} program (which does not make it infeasible): {error}"
+        ) from error
     if problem.status != cp.OPTIMAL:
         raise FlatsatError(f"the solver reports {problem.status!r} for the {name} program: must be 'optimal'")
