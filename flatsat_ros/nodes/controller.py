@@ -1,0 +1,253 @@
+"""The controller node: poses in, thrust, roll and pitch out, for any number of drones.
+
+Callbacks convert and store. One fixed-rate tick, the certificate's period, computes all drones in one step.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, Twist
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+from flatsat_ros._resources import config_path
+from flatsat_ros.core.certificate import Certificate
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.flatness import FloatArray
+from flatsat_ros.core.gain import Tuning
+from flatsat_ros.core.pilot import Pilot, Tick
+from flatsat_ros.core.reference import Trajectory
+from flatsat_ros.core.supervisor import Mode, Policy
+from flatsat_ros.core.vehicle import VehicleProfile
+from flatsat_ros.core.wire import PITCH_SIGN, setpoint_from_input
+from flatsat_ros.nodes import interfaces, messages, runtime
+from flatsat_ros.nodes.parameters import declare, declare_override, require_float_or_unset, robot_names
+
+_DIAGNOSTICS_PERIOD = 1.0  # s
+# how long the last commands may take to be acknowledged, s
+_FAREWELL = 0.5
+
+# parameter, what it means, unit, default and range of the tuning; Tuning's fields in order
+_TUNING = (
+    ("mu", "adaptation rate mu of the gain; 0 keeps it constant", "1/s", 2.0, (0.0, 100.0)),
+    ("v_inf", "threshold V_inf below which the gain rests", "", 0.05, (1e-9, 1e9)),
+    ("gamma_0", "gain gamma_0 at take-off", "", 1.0, (1.0, 1e6)),
+    ("gamma_max", "cap of the gain, at most the certificate's; 0 takes the certificate's", "", 0.0, (0.0, 1e6)),
+)
+
+
+class ControllerNode(Node):  # type: ignore[misc]
+    """ROS shell of `Pilot`."""
+
+    def __init__(self) -> None:
+        """Read the parameters, load the certificate and the vehicle, start the tick."""
+        super().__init__(interfaces.CONTROLLER_NODE)
+        self.robots = robot_names(declare(self, "robot_names", ["cf1"], "names of the drones, the prefix of their topics"))
+        self._certificate = Certificate.load(
+            config_path(declare(self, "certificate", "paper_experiment", "certificate: packaged name or path of a YAML file"))
+        )
+        self._vehicle = VehicleProfile.load(
+            config_path(declare(self, "vehicle", "cf21", "vehicle profile: packaged name or path of a YAML file"), "vehicles")
+        )
+        self._backend = declare(self, "backend", "cpp", "crazyswarm2 back end, decides the sign of the pitch: cpp or cflib")
+        if self._backend not in PITCH_SIGN:
+            raise FlatsatError(f"parameter backend = {self._backend!r}: must be one of {', '.join(PITCH_SIGN)}")
+        if self._certificate.limits.thrust_max > self._vehicle.thrust_max:
+            raise FlatsatError(
+                f"certificate {self._certificate.name!r} allows a thrust of {self._certificate.limits.thrust_max:.4f} m/s^2, "
+                f"but vehicle {self._vehicle.name!r} lifts {self._vehicle.thrust_max:.4f} m/s^2: "
+                "synthesize one with thrust_max at most that"
+            )
+        policy = Policy(
+            pose_timeout=declare(
+                self, "pose_timeout", Policy.pose_timeout, "age above which a pose is stale", unit="s", bounds=(0.01, 10.0)
+            ),
+            level_time=declare(
+                self, "level_time", Policy.level_time, "level descent without poses before the motors are cut",
+                unit="s", bounds=(0.1, 60.0),
+            ),
+            unlock_time=declare(
+                self, "unlock_time", Policy.unlock_time, "zero thrust before take-off", unit="s", bounds=(0.01, 10.0)
+            ),
+            ground_height=declare(
+                self, "ground_height", Policy.ground_height, "a drone below this height stands on the ground",
+                unit="m", bounds=(-1000.0, 1000.0),
+            ),
+        )  # fmt: skip
+        for name, meaning, unit, default, valid in _TUNING:
+            declare(self, name, default, meaning, unit=unit, bounds=valid, changeable=True)
+            for robot in self.robots:
+                declare_override(self, f"robots.{robot}.{name}", meaning, unit)
+        self._pilot = Pilot(self._certificate, self._tuning_with({}), policy, len(self.robots))
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self._take_parameters)
+
+        self._origin = self.get_clock().now().nanoseconds
+        self._commanded = [False] * len(self.robots)
+        self._tick_us = 0.0
+        self._ticks: list[float] = []
+        self._last: Tick | None = None
+        self._command = Twist()
+        self._telemetry = messages.telemetry_message()
+        self._command_publishers, self._telemetry_publishers = [], []
+        for index, robot in enumerate(self.robots):
+            self._connect(index, robot)
+        self._diagnostics = self.create_publisher(
+            interfaces.DIAGNOSTICS_KIND, interfaces.DIAGNOSTICS, interfaces.DIAGNOSTICS_QOS
+        )
+        self.create_timer(self._certificate.period, self._on_tick)
+        self.create_timer(_DIAGNOSTICS_PERIOD, self._on_diagnostics)
+        self.get_logger().info(
+            f"flying {', '.join(self.robots)} with certificate {self._certificate.name!r} at "
+            f"{1.0 / self._certificate.period:g} Hz, gain cap {self._certificate.gain_max:.4g}"
+        )
+
+    def finish(self) -> None:
+        """Send the last safe commands: level and sinking in the air, zero thrust otherwise; nothing to idle drones."""
+        for index, row in enumerate(self._pilot.last_input()):
+            if self._commanded[index]:
+                self._publish_command(index, row, 0.0)
+        for index, publisher in enumerate(self._command_publishers):
+            if self._commanded[index]:
+                publisher.wait_for_all_acked(Duration(seconds=_FAREWELL))
+
+    def _connect(self, index: int, robot: str) -> None:
+        pose, goal, trajectory = interfaces.POSE, interfaces.GOAL, interfaces.TRAJECTORY
+        self.create_subscription(
+            pose.kind, pose.of(robot), lambda data: self._on_pose(index, data), pose.subscribe, raw=True
+        )
+        self.create_subscription(goal.kind, goal.of(robot), lambda m: self._on_goal(index, m), goal.subscribe)
+        self.create_subscription(
+            trajectory.kind, trajectory.of(robot), lambda m: self._on_trajectory(index, m), trajectory.subscribe
+        )
+        self._command_publishers.append(
+            self.create_publisher(interfaces.COMMAND.kind, interfaces.COMMAND.of(robot), interfaces.COMMAND.publish)
+        )
+        self._telemetry_publishers.append(
+            self.create_publisher(interfaces.TELEMETRY.kind, interfaces.TELEMETRY.of(robot), interfaces.TELEMETRY.publish)
+        )
+
+    def _seconds(self, nanoseconds: int) -> float:
+        """Return a clock reading as seconds since the node's start: small enough to keep nanoseconds in a float."""
+        return (nanoseconds - self._origin) / messages.NANOSECONDS
+
+    def _on_pose(self, index: int, data: bytes) -> None:
+        stamp, position, quaternion = messages.pose_from_cdr(data)
+        now = self.get_clock().now().nanoseconds
+        self._pilot.measure(index, self._seconds(stamp), position, quaternion, self._seconds(now))
+
+    def _on_goal(self, index: int, message: PoseStamped) -> None:
+        self._refer(index, lambda: messages.setpoint_from_goal(message))
+
+    def _on_trajectory(self, index: int, message: MultiDOFJointTrajectory) -> None:
+        now = self.get_clock().now().nanoseconds
+        self._refer(index, lambda: messages.trajectory_from_message(message, now, self._origin))
+
+    def _refer(self, index: int, read: Callable[[], Trajectory]) -> None:
+        """Take a reference, or keep the old one and say why."""
+        try:
+            self._pilot.refer(index, read())
+        except FlatsatError as error:
+            self.get_logger().error(f"{self.robots[index]}: reference refused, the previous one stays: {error}")
+
+    def _on_tick(self) -> None:
+        begin = time.perf_counter()
+        tick = self._pilot.tick(self._seconds(self.get_clock().now().nanoseconds))
+        self._tick_us = (time.perf_counter() - begin) * 1e6
+        self._ticks.append(self._tick_us)
+        self._last = tick
+        rows = self._telemetry_rows(tick)
+        for index in range(len(self.robots)):
+            if tick.mode[index] != Mode.IDLE:
+                self._publish_command(index, tick.input[index], float(tick.yaw_rate[index]))
+            messages.fill_telemetry(self._telemetry, rows[index])
+            self._telemetry_publishers[index].publish(self._telemetry)
+
+    def _publish_command(self, index: int, command: FloatArray, yaw_rate: float) -> None:
+        thrust, roll, pitch = command.tolist()
+        setpoint = setpoint_from_input(thrust, roll, pitch, yaw_rate, self._vehicle, self._backend)
+        messages.fill_command(self._command, setpoint)
+        self._command_publishers[index].publish(self._command)
+        self._commanded[index] = True
+
+    def _telemetry_rows(self, tick: Tick) -> FloatArray:
+        out = tick.output
+        rows = np.empty((len(self.robots), len(messages.TELEMETRY_FIELDS)))
+        rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3] = (
+            out.lyapunov, out.lyapunov / self._certificate.level, out.gain, out.applied_gain,
+        )  # fmt: skip
+        rows[:, 4:7], rows[:, 7:10], rows[:, 10:16] = tick.input, out.acceleration, out.error
+        rows[:, 16], rows[:, 17] = tick.mode, self._tick_us
+        return rows
+
+    def _tuning_with(self, changed: dict[str, object]) -> Tuning:
+        """Return the tuning with some parameters changed; a robot's own value goes over the common one.
+
+        Raises:
+            FlatsatError: a value is not valid.
+        """
+
+        def value(name: str) -> float | None:
+            found = changed[name] if name in changed else self.get_parameter(name).value
+            return require_float_or_unset(name, found)
+
+        columns = []
+        for name, *_ in _TUNING:
+            common = value(name)
+            own = [value(f"robots.{robot}.{name}") for robot in self.robots]
+            columns.append(np.array([common if entry is None else entry for entry in own], dtype=float))
+        cap = self._certificate.gain_max
+        columns[-1] = np.where(columns[-1] == 0.0, cap, columns[-1])
+        if (columns[-1] > cap).any():
+            raise FlatsatError(f"gamma_max = {columns[-1].max():.6g}: must be at most the certificate's {cap:.6g}")
+        return Tuning(*columns)
+
+    def _check_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        try:
+            self._tuning_with({parameter.name: parameter.value for parameter in parameters})
+        except FlatsatError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _take_parameters(self, _parameters: Sequence[Parameter]) -> None:
+        self._pilot.retune(self._tuning_with({}))
+
+    def _on_diagnostics(self) -> None:
+        ticks, self._ticks = np.array(self._ticks or [0.0]), []
+        if self._last is None:
+            return
+        now = self._seconds(self.get_clock().now().nanoseconds)
+        estimator, out = self._pilot.estimator, self._last.output
+        message = interfaces.DIAGNOSTICS_KIND()
+        message.header.stamp = self.get_clock().now().to_msg()
+        for index, robot in enumerate(self.robots):
+            mode = Mode(self._pilot.mode[index])
+            relative = float(out.lyapunov[index] / self._certificate.level)
+            outside = mode is Mode.FLY and relative > 1.0
+            level = {Mode.LEVEL: DiagnosticStatus.ERROR, Mode.CUT: DiagnosticStatus.ERROR}.get(
+                mode, DiagnosticStatus.WARN if outside else DiagnosticStatus.OK
+            )
+            values = {
+                "V/eps": f"{relative:.4g}",
+                "gamma": f"{out.gain[index]:.4g}",
+                "applied gain": f"{out.applied_gain[index]:.4g}",
+                "pose age s": f"{now - estimator.newest[index]:.3f}",
+                "poses refused": int(estimator.rejected[index]),
+                "tick median us": f"{np.median(ticks):.0f}",
+                "tick max us": f"{ticks.max():.0f}",
+            }
+            text = mode.name + (": outside the certified set" if outside else "")
+            message.status.append(messages.diagnostic_status(f"{self.get_name()}: {robot}", robot, level, text, values))
+        self._diagnostics.publish(message)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the controller; the console script `controller`."""
+    return runtime.run(ControllerNode, argv)

@@ -1,0 +1,100 @@
+"""Parameters: declared with what they mean, their unit and range; read into plain values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException, ParameterException
+from rclpy.node import Node
+
+from flatsat_ros.core.errors import FlatsatError
+
+
+def declare(
+    node: Node,
+    name: str,
+    default: Any,
+    meaning: str,
+    *,
+    unit: str = "",
+    bounds: tuple[float, float] | tuple[int, int] | None = None,
+    changeable: bool = False,
+) -> Any:
+    """Declare one parameter and return its value.
+
+    Args:
+        node: whose parameter it is.
+        name: dotted lower case.
+        default: its type is the parameter's type.
+        meaning: one sentence for `ros2 param describe`.
+        unit: of the value.
+        bounds: smallest and largest valid value.
+        changeable: may be set while the node runs.
+
+    Raises:
+        FlatsatError: the value given at start has the wrong type or is out of range.
+    """
+    descriptor = ParameterDescriptor(
+        description=meaning + (f" [{unit}]" if unit else ""),
+        read_only=not changeable,
+    )
+    if bounds is not None and isinstance(default, float):
+        descriptor.floating_point_range = [FloatingPointRange(from_value=float(bounds[0]), to_value=float(bounds[1]))]
+    elif bounds is not None:
+        descriptor.integer_range = [IntegerRange(from_value=int(bounds[0]), to_value=int(bounds[1]), step=1)]
+    try:
+        return node.declare_parameter(name, default, descriptor).value
+    except InvalidParameterTypeException as error:
+        kind = type(default).__name__
+        hint = "; a floating-point value is written with a decimal point: 1.0, not 1" if kind == "float" else ""
+        raise FlatsatError(f"parameter {name}: must be of type {kind}{hint} ({error})") from error
+    except InvalidParameterValueException as error:
+        valid = f" must lie in [{bounds[0]}, {bounds[1]}] {unit}" if bounds is not None else ""
+        raise FlatsatError(f"parameter {name}:{valid} ({error})") from error
+    except ParameterException as error:
+        raise FlatsatError(f"parameter {name}: {error}") from error
+
+
+def declare_override(node: Node, name: str, meaning: str, unit: str = "") -> float | None:
+    """Declare a per-robot floating-point parameter that is unset at first: the common one applies until it is set.
+
+    Raises:
+        FlatsatError: the value given at start is not a floating-point number.
+    """
+    descriptor = ParameterDescriptor(
+        description=meaning + (f" [{unit}]" if unit else "") + "; unset: the common value applies", dynamic_typing=True
+    )
+    return require_float_or_unset(name, node.declare_parameter(name, None, descriptor).value)
+
+
+def require_float_or_unset(name: str, value: object) -> float | None:
+    """Return a float, or None for an unset parameter.
+
+    Raises:
+        FlatsatError: it is something else.
+    """
+    if value is None or (isinstance(value, float)):
+        return value
+    raise FlatsatError(f"parameter {name} = {value!r}: must be a floating-point number, written with a decimal point")
+
+
+def robot_names(names: Sequence[str]) -> list[str]:
+    """Return the robots' names, refusing what cannot be part of a topic name.
+
+    Raises:
+        FlatsatError: none is given, one is not a ROS name, or one is given twice.
+    """
+    if not names:
+        raise FlatsatError("parameter robot_names is empty: must name at least one robot, as in [cf1, cf2]")
+    for name in names:
+        plain = name.replace("_", "a")
+        if not (plain.isascii() and plain.isalnum() and not plain[0].isdigit()):
+            raise FlatsatError(
+                f"robot name {name!r}: must begin with a letter and have only letters, digits and underscores"
+            )
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise FlatsatError(f"robot name {twice[0]!r} is given twice: names must differ")
+    return list(names)
