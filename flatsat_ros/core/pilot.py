@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from time import perf_counter
 
 import numpy as np
 
@@ -30,6 +31,7 @@ class Tick:
         yaw_rate: (N,) commanded psi rate, rad/s, counter-clockwise.
         output: the law's output; it is the command in FLY only.
         reference: (N, 9) position, velocity, acceleration.
+        duration: computation time of the tick, s.
     """
 
     mode: FloatArray
@@ -37,6 +39,7 @@ class Tick:
     yaw_rate: FloatArray
     output: Output
     reference: FloatArray
+    duration: float
 
 
 class Pilot:
@@ -86,6 +89,7 @@ class Pilot:
 
     def tick(self, now: float) -> Tick:
         """Compute all commands at time now, s; called once per period of the certificate."""
+        begin = perf_counter()
         if now < self._last_tick:
             self.estimator.restart()
         self._last_tick = now
@@ -109,7 +113,7 @@ class Pilot:
             acceleration[level, 2] = self._level[0] - self.certificate.limits.gravity
             yaw_rate = np.where(flying, turn, 0.0)
         self.estimator.command(now, acceleration)
-        return Tick(self.mode.copy(), command, yaw_rate, output, reference)
+        return Tick(self.mode.copy(), command, yaw_rate, output, reference, perf_counter() - begin)
 
     def last_input(self) -> FloatArray:
         """Return the inputs (N, 3) to leave behind on shutdown: level and sinking for drones in the air, else zero."""

@@ -5,7 +5,7 @@ Callbacks convert and store. One fixed-rate tick, the certificate's period, comp
 
 from __future__ import annotations
 
-import time
+import sys
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -18,6 +18,7 @@ from rclpy.parameter import Parameter
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from flatsat_ros._resources import config_path
+from flatsat_ros.core import telemetry
 from flatsat_ros.core.certificate import Certificate
 from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.flatness import FloatArray
@@ -91,8 +92,7 @@ class ControllerNode(Node):  # type: ignore[misc]
 
         self._origin = self.get_clock().now().nanoseconds
         self._commanded = [False] * len(self.robots)
-        self._tick_us = 0.0
-        self._ticks: list[float] = []
+        self._durations: list[float] = []
         self._last: Tick | None = None
         self._command = Twist()
         self._telemetry = messages.telemetry_message()
@@ -158,12 +158,10 @@ class ControllerNode(Node):  # type: ignore[misc]
             self.get_logger().error(f"{self.robots[index]}: reference refused, the previous one stays: {error}")
 
     def _on_tick(self) -> None:
-        begin = time.perf_counter()
         tick = self._pilot.tick(self._seconds(self.get_clock().now().nanoseconds))
-        self._tick_us = (time.perf_counter() - begin) * 1e6
-        self._ticks.append(self._tick_us)
+        self._durations.append(tick.duration * 1e6)
         self._last = tick
-        rows = self._telemetry_rows(tick)
+        rows = telemetry.rows(tick, self._certificate.level)
         for index in range(len(self.robots)):
             if tick.mode[index] != Mode.IDLE:
                 self._publish_command(index, tick.input[index], float(tick.yaw_rate[index]))
@@ -176,16 +174,6 @@ class ControllerNode(Node):  # type: ignore[misc]
         messages.fill_command(self._command, setpoint)
         self._command_publishers[index].publish(self._command)
         self._commanded[index] = True
-
-    def _telemetry_rows(self, tick: Tick) -> FloatArray:
-        out = tick.output
-        rows = np.empty((len(self.robots), len(messages.TELEMETRY_FIELDS)))
-        rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3] = (
-            out.lyapunov, out.lyapunov / self._certificate.level, out.gain, out.applied_gain,
-        )  # fmt: skip
-        rows[:, 4:7], rows[:, 7:10], rows[:, 10:16] = tick.input, out.acceleration, out.error
-        rows[:, 16], rows[:, 17] = tick.mode, self._tick_us
-        return rows
 
     def _tuning_with(self, changed: dict[str, object]) -> Tuning:
         """Return the tuning with some parameters changed; a robot's own value goes over the common one.
@@ -220,7 +208,7 @@ class ControllerNode(Node):  # type: ignore[misc]
         self._pilot.retune(self._tuning_with({}))
 
     def _on_diagnostics(self) -> None:
-        ticks, self._ticks = np.array(self._ticks or [0.0]), []
+        durations, self._durations = np.array(self._durations or [0.0]), []
         if self._last is None:
             return
         now = self._seconds(self.get_clock().now().nanoseconds)
@@ -240,8 +228,8 @@ class ControllerNode(Node):  # type: ignore[misc]
                 "applied gain": f"{out.applied_gain[index]:.4g}",
                 "pose age s": f"{now - estimator.newest[index]:.3f}",
                 "poses refused": int(estimator.rejected[index]),
-                "tick median us": f"{np.median(ticks):.0f}",
-                "tick max us": f"{ticks.max():.0f}",
+                "tick median us": f"{np.median(durations):.0f}",
+                "tick max us": f"{durations.max():.0f}",
             }
             text = mode.name + (": outside the certified set" if outside else "")
             message.status.append(messages.diagnostic_status(f"{self.get_name()}: {robot}", robot, level, text, values))
@@ -251,3 +239,7 @@ class ControllerNode(Node):  # type: ignore[misc]
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the controller; the console script `controller`."""
     return runtime.run(ControllerNode, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -16,15 +16,10 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.reference import Trajectory
+from flatsat_ros.core.telemetry import FIELDS
 from flatsat_ros.core.wire import WireSetpoint
 
 NANOSECONDS = 1_000_000_000
-
-# what the entries of a telemetry message are, in order; units in docs/interfaces.md
-TELEMETRY_FIELDS = (
-    "V", "V/eps", "gamma", "k", "T", "phi", "theta", "v_x", "v_y", "v_z",
-    "error_x", "error_y", "error_z", "error_vx", "error_vy", "error_vz", "mode", "tick_us",
-)  # fmt: skip
 
 _CDR_HEADER = 4
 
@@ -160,13 +155,13 @@ def message_from_trajectory(trajectory: Trajectory, start: int) -> MultiDOFJoint
 
 def telemetry_message() -> Float64MultiArray:
     """Return a telemetry message with its layout; only `fill_telemetry` is needed per tick."""
-    size = len(TELEMETRY_FIELDS)
-    dimension = MultiArrayDimension(label=",".join(TELEMETRY_FIELDS), size=size, stride=size)
+    size = len(FIELDS)
+    dimension = MultiArrayDimension(label=",".join(FIELDS), size=size, stride=size)
     return Float64MultiArray(layout=MultiArrayLayout(dim=[dimension]), data=array.array("d", bytes(8 * size)))
 
 
 def fill_telemetry(message: Float64MultiArray, row: FloatArray) -> None:
-    """Write one drone's row, ordered as TELEMETRY_FIELDS."""
+    """Write one drone's row, ordered as core.telemetry.FIELDS."""
     message.data = array.array("d", row.tobytes())
 
 

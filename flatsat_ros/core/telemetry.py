@@ -1,0 +1,33 @@
+"""What is reported of every drone at every tick, in one row of floats."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flatsat_ros.core.flatness import FloatArray
+from flatsat_ros.core.pilot import Tick
+
+# the entries of a row, in order; units in docs/interfaces.md
+FIELDS = (
+    "V", "V/eps", "gamma", "k", "T", "phi", "theta", "v_x", "v_y", "v_z",
+    "error_x", "error_y", "error_z", "error_vx", "error_vy", "error_vz", "mode", "tick_us",
+)  # fmt: skip
+
+
+def rows(tick: Tick, level: float) -> FloatArray:
+    """Return the telemetry (N, len(FIELDS)) of one tick.
+
+    T, phi, theta are what is commanded in the present mode; V, k, v and the error are the law's, used in FLY only.
+
+    Args:
+        tick: of N drones.
+        level: eps of the certificate.
+    """
+    out = tick.output
+    table = np.empty((len(tick.mode), len(FIELDS)))
+    table[:, 0], table[:, 1], table[:, 2], table[:, 3] = (
+        out.lyapunov, out.lyapunov / level, out.gain, out.applied_gain,
+    )  # fmt: skip
+    table[:, 4:7], table[:, 7:10], table[:, 10:16] = tick.input, out.acceleration, out.error
+    table[:, 16], table[:, 17] = tick.mode, tick.duration * 1e6
+    return table

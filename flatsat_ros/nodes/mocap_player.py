@@ -1,0 +1,116 @@
+"""Plays a motion capture recording to a robot's pose topic, with all its faults, at its own pace or another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from rclpy.duration import Duration
+from rclpy.node import Node
+
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.recording import Recording, read_csv
+from flatsat_ros.nodes import interfaces, messages, runtime
+from flatsat_ros.nodes.bag import read_bag
+from flatsat_ros.nodes.parameters import declare, robot_names
+
+# how often it looks whether someone listens, s
+_PATIENCE = 0.05
+# how long the last poses may take to be acknowledged, s
+_FAREWELL = 0.5
+
+
+class MocapPlayer(Node):  # type: ignore[misc]
+    """One recording for one robot.
+
+    It begins when the first subscription to the pose topic is there. A pose recorded at t is stamped with the time of the
+    beginning + (t - t0) / rate and sent then; one whose stamp is older than its predecessor's is sent right after it. So
+    bursts, gaps and disorder stay what they are. Poses that are due together are sent one after the other.
+
+    Attributes:
+        done: whether everything was sent.
+    """
+
+    def __init__(self) -> None:
+        """Read the parameters and the whole recording."""
+        super().__init__("mocap_player")
+        path = declare(self, "file", "", "recording: a .csv file, or a bag: its folder, .mcap or .db3 file")
+        (robot,) = robot_names([declare(self, "robot_name", "cf1", "whose pose topic is played to")])
+        topic = declare(self, "topic", "", "PoseStamped topic of the bag; empty: its only one")
+        self._rate = declare(self, "rate", 1.0, "pace; 2.0 is twice as fast as recorded", bounds=(1e-3, 1e3))
+        self._loop = declare(self, "loop", False, "begin again at the end")
+        self._recording = _read(path, topic)
+        for line in self._recording.torn:
+            self.get_logger().warning(f"{path}, line {line} breaks off: left out")
+
+        nanoseconds = messages.NANOSECONDS / self._rate
+        self._stamps = np.rint(self._recording.time * nanoseconds).astype(np.int64).tolist()
+        self._due = np.rint(self._recording.due() * nanoseconds).astype(np.int64).tolist()
+        self._next = 0
+        self._start = 0
+        self.done = False
+        self._pose = PoseStamped()
+        self._pose.header.frame_id = "world"
+        self._publisher = self.create_publisher(
+            interfaces.POSE.kind, interfaces.POSE.of(robot), interfaces.POSE.publish
+        )
+        self._timer = self.create_timer(_PATIENCE, self._on_timer)
+        self.get_logger().info(
+            f"{path}: {len(self._stamps)} poses, {self._recording.duration / self._rate:.1f} s at rate {self._rate:g}; "
+            f"waiting for a subscription to {self._publisher.topic}"
+        )
+
+    def finish(self) -> None:
+        """Let the last poses arrive."""
+        self._publisher.wait_for_all_acked(Duration(seconds=_FAREWELL))
+
+    def _on_timer(self) -> None:
+        now = self.get_clock().now().nanoseconds
+        if self._next == 0:
+            if self._publisher.get_subscription_count() == 0:
+                return
+            self._start = now
+        while self._next < len(self._due) and self._start + self._due[self._next] <= now:
+            self._publish(self._next)
+            self._next += 1
+        if self._next < len(self._due):
+            self._sleep(self._start + self._due[self._next] - now)
+        elif self._loop:
+            self._next = 0
+        else:
+            self.done = True
+            self._timer.cancel()
+
+    def _publish(self, index: int) -> None:
+        stamp = self._start + self._stamps[index]
+        recording = self._recording
+        messages.fill_pose(self._pose, stamp, recording.position[index], recording.quaternion[index])
+        self._publisher.publish(self._pose)
+
+    def _sleep(self, nanoseconds: int) -> None:
+        """Call the timer back after that long."""
+        self._timer.timer_period_ns = nanoseconds
+        self._timer.reset()
+
+
+def _read(path: str, topic: str) -> Recording:
+    """Read a recording of either kind.
+
+    Raises:
+        FlatsatError: it is missing, not readable, or a topic is asked of a CSV file.
+    """
+    if not path:
+        raise FlatsatError("parameter file is empty: must be a recording, a .csv file or a bag")
+    file = Path(path).expanduser()
+    if file.suffix != ".csv":
+        return read_bag(str(file), topic)
+    if topic:
+        raise FlatsatError(f"parameter topic = {topic!r}: must be empty for a CSV recording")
+    return read_csv(file)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the player; the console script `mocap_player`."""
+    return runtime.run(MocapPlayer, argv)

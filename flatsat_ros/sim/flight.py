@@ -1,0 +1,45 @@
+"""A flight without ROS: the pilot and a simulated fleet, tick by tick on simulated time, as fast as the machine allows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from flatsat_ros.core.pilot import Pilot, Tick
+from flatsat_ros.core.supervisor import Mode
+from flatsat_ros.core.vehicle import VehicleProfile
+from flatsat_ros.core.wire import WireSetpoint, setpoint_from_input
+from flatsat_ros.sim.fleet import SimulatedFleet
+from flatsat_ros.sim.sensor import Sample
+
+Observer = Callable[[float, list[Sample], Tick, dict[int, WireSetpoint]], None]
+
+
+def fly(
+    pilot: Pilot, fleet: SimulatedFleet, vehicle: VehicleProfile, until: float, observe: Observer, start: float = 0.0
+) -> None:
+    """Close the loop until the simulated time is reached, exactly as the controller and sim_drone nodes do.
+
+    Args:
+        pilot: flies.
+        fleet: is flown; its time must be at most start.
+        vehicle: thrust map of the command.
+        until: s, simulated time of the last tick.
+        observe: called at every tick with the time (s), the pose samples that arrived, the tick and the set-points sent
+            by drone.
+        start: s, simulated time of the first tick.
+    """
+    period = pilot.certificate.period
+    for number in range(int((until - start) / period + 1e-9) + 1):
+        now = start + number * period
+        fleet.advance_to(now)
+        samples = fleet.measurements(now)
+        for sample in samples:
+            pilot.measure(sample.drone, sample.stamp, sample.position.tolist(), sample.quaternion.tolist(), now)
+        tick = pilot.tick(now)
+        sent = {}
+        for index, mode in enumerate(tick.mode):
+            if mode != Mode.IDLE:
+                thrust, roll, pitch = tick.input[index].tolist()
+                sent[index] = setpoint_from_input(thrust, roll, pitch, float(tick.yaw_rate[index]), vehicle)
+                fleet.command(index, *sent[index])
+        observe(now, samples, tick, sent)

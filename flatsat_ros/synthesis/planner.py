@@ -1,0 +1,41 @@
+"""Smooth references through way-points: a B-spline of degree 5, at rest at both ends."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import make_interp_spline
+
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.flatness import finite_array
+from flatsat_ros.core.lyapunov import require_positive
+from flatsat_ros.core.reference import Trajectory
+
+_DEGREE = 5
+
+
+def spline_through(waypoints: ArrayLike, leg_time: float, yaw: float = 0.0) -> Trajectory:
+    """Return the path that passes the way-points at equal time intervals and rests at the first and last.
+
+    Args:
+        waypoints: (M, 3) m, M >= 2; repeat the first one at the end for a closed path.
+        leg_time: s from one way-point to the next.
+        yaw: rad, held.
+
+    Returns:
+        A trajectory whose times begin at 0; its points are the spline's knots, so that it is the spline exactly.
+
+    Raises:
+        FlatsatError: fewer than two way-points, a value that is not finite, or a leg time that is not above 0.
+    """
+    points = finite_array("waypoints", waypoints, 3)
+    if points.ndim != 2 or len(points) < 2:
+        raise FlatsatError(f"waypoints have shape {points.shape}: must be (M, 3) with M >= 2")
+    times = require_positive("leg_time", leg_time, "s") * np.arange(len(points))
+    at_rest = [(order, np.zeros(3)) for order in (1, 2)]
+    spline = make_interp_spline(times, points, k=_DEGREE, bc_type=(at_rest, at_rest))
+    knots = np.unique(spline.t)
+    values = [spline.derivative(order)(knots) if order else spline(knots) for order in (0, 1, 2)]
+    for derivative in values[1:]:
+        derivative[[0, -1]] = 0.0  # the boundary conditions, without the solver's rounding
+    return Trajectory.through(knots, *values, yaw)
