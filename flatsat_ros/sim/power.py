@@ -17,18 +17,20 @@ BoolArray = NDArray[np.bool_]
 # the firmware low-passes the battery voltage with 0.01 per millisecond (stabilizer.c, batteryCompensation)
 _SUPPLY_FILTER = 1.0 - 0.99 ** (STEP / 0.001)
 
+_SUPPLY_MIN = 2.0  # V: below it the firmware takes the battery for broken (motors.c, motorsCompensateBatteryVoltage)
+
 
 @dataclass(frozen=True)
 class Battery:
     """A battery; by default one that never changes.
 
     Attributes:
-        voltage: open-circuit voltage at the start, V.
+        voltage: open-circuit voltage at the start, V; by default that of a half-charged LiPo cell.
         sag: drop under load, V at full force.
         drain: fall of the open-circuit voltage, V/s at full force.
     """
 
-    voltage: float = 4.0
+    voltage: float = 3.8
     sag: float = 0.0
     drain: float = 0.0
 
@@ -80,11 +82,11 @@ class PowerTrain:
         """Return the force of a running drone, N, and keep the motor command."""
         motors = self._profile.motors
         wanted = pwm * (self._profile.force_max / PWM_FULL / 4.0)
-        ratio = np.where(wanted < motors.force_min, 0.0, self._voltage(wanted) / self._supply)
+        off = (wanted < motors.force_min) | (self._supply < _SUPPLY_MIN)
+        ratio = np.where(off, 0.0, self._voltage(wanted) / np.maximum(self._supply, _SUPPLY_MIN))
         self.ratio = np.clip(ratio, motors.idle_pwm / PWM_FULL, 1.0)
-        levels = 2**motors.bits
-        # the timer counts to levels; the full 16-bit command is its last count
-        command = np.floor(self.ratio * PWM_FULL * (levels / 2**16)) / levels
+        # the upper bits of the 16-bit ratio, out of a period of 2^bits: full scale is one count short of always on
+        command = np.floor(self.ratio * PWM_FULL * 2.0 ** (motors.bits - 16)) * 2.0**-motors.bits
         applied = command * self.voltage
         c0, c1, c2, c3 = motors.voltage_to_force
         force = 4.0 * (c0 + applied * (c1 + applied * (c2 + applied * c3)))
