@@ -36,9 +36,8 @@ def read_bag(path: str, topic: str = "") -> Recording:
             topics = {c.topic: c for c in reader.connections if c.msgtype == _KIND}
             chosen = topic or (next(iter(topics)) if len(topics) == 1 else "")
             if chosen not in topics:
-                raise FlatsatError(
-                    f"recording {path!r}, topic {topic!r}: must be one of its {_KIND} topics: {', '.join(topics) or 'none'}"
-                )
+                valid = f"must be one of its {_KIND} topics: {', '.join(topics) or 'none'}"
+                raise FlatsatError(f"recording {path!r}, topic {topic!r}: {valid}")
             entries = []
             for _, recorded, data in reader.messages([topics[chosen]]):
                 stamp, position, quaternion = messages.pose_from_cdr(bytes(data))

@@ -25,9 +25,9 @@ _FAREWELL = 0.5
 class MocapPlayer(Node):  # type: ignore[misc]
     """One recording for one robot.
 
-    It begins when the first subscription to the pose topic is there. A pose recorded at t is stamped with the time of the
-    beginning + (t - t0) / rate and sent then; one whose stamp is older than its predecessor's is sent right after it. So
-    bursts, gaps and disorder stay what they are. Poses that are due together are sent one after the other.
+    It begins when the first subscription to the pose topic is there. A pose recorded at t is stamped with the time of
+    the beginning + (t - t0) / rate and sent then; one whose stamp is older than its predecessor's is sent right after
+    it. So bursts, gaps and disorder stay what they are. Poses that are due together are sent one after the other.
 
     Attributes:
         done: whether everything was sent.
@@ -79,6 +79,7 @@ class MocapPlayer(Node):  # type: ignore[misc]
             self._sleep(self._start + self._due[self._next] - now)
         elif self._loop:
             self._next = 0
+            self._sleep(round(_PATIENCE * messages.NANOSECONDS))
         else:
             self.done = True
             self._timer.cancel()

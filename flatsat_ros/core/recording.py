@@ -1,0 +1,112 @@
+"""Recordings of motion capture: what one drone's poses were and when they came, from a CSV file.
+
+The faults of a real recording are data and are kept: bursts, gaps, duplicates, stamps out of order, NaN, jumps. Only
+its damage is not: a line that breaks off where the recorder was interrupted is left out and reported, anything else
+that is not a pose is refused.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.flatness import FloatArray
+
+COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
+
+_NUMERALS = set("0123456789+-.eE")
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """The poses of one drone in the order in which they came.
+
+    Attributes:
+        time: (M,) stamps, s after the first pose's; finite, not necessarily increasing.
+        position: (M, 3) m, world frame; entries may be NaN.
+        quaternion: (M, 4) x, y, z, w, body -> world; entries may be NaN.
+        torn: numbers of the lines that were left out because they break off, counted from 1.
+
+    Raises:
+        FlatsatError: there is no pose, shapes differ, or a stamp is not finite.
+    """
+
+    time: FloatArray
+    position: FloatArray
+    quaternion: FloatArray
+    torn: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        count = len(self.time)
+        if count == 0:
+            raise FlatsatError("the recording has no poses: needed is at least one")
+        shapes = self.time.shape, self.position.shape, self.quaternion.shape
+        if shapes != ((count,), (count, 3), (count, 4)):
+            raise FlatsatError(f"time, position and quaternion have shapes {shapes}: must be (M,), (M, 3), (M, 4)")
+        if not np.isfinite(self.time).all():
+            raise FlatsatError(f"stamp {self.time[~np.isfinite(self.time)][0]} s: must be finite")
+
+    @property
+    def duration(self) -> float:
+        """From the first pose to the latest stamp, s."""
+        return float(self.time.max())
+
+    def due(self) -> FloatArray:
+        """Return when each pose comes, (M,) s after the first: at its stamp, but never before the one ahead of it."""
+        return np.maximum.accumulate(self.time)
+
+
+def read_csv(path: str | os.PathLike[str]) -> Recording:
+    """Read a CSV recording with the columns t (s, any epoch), x, y, z (m), qx, qy, qz, qw.
+
+    A line that breaks off, that is one in which only columns at the end are missing or a last number is not complete,
+    is left out wherever it stands: recorders are interrupted and start again. Empty lines do not count.
+
+    Raises:
+        FlatsatError: the file cannot be read, its first line is not the column names, a line is neither a pose nor
+            torn, or there is no pose; the text names the line.
+    """
+    name = os.fspath(path)
+    try:
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise FlatsatError(f"recording {name!r} cannot be read: {error}") from error
+    header = tuple(column.strip() for column in lines[0].split(",")) if lines else ()
+    if header != COLUMNS:
+        raise FlatsatError(f"{name}, line 1: {','.join(header)[:80]!r}: must be {','.join(COLUMNS)!r}")
+    rows, torn = [], []
+    for number, line in enumerate(lines[1:], start=2):
+        if not line.strip():
+            continue
+        row = _row(line)
+        if row is None:
+            torn.append(number)
+        elif len(row) != len(COLUMNS) or not np.isfinite(row[0]):
+            raise FlatsatError(
+                f"{name}, line {number}: {line.strip()[:80]!r}: must be {len(COLUMNS)} numbers with a finite t first"
+            )
+        else:
+            rows.append(row)
+    table = np.array(rows, dtype=np.float64).reshape(-1, len(COLUMNS))
+    try:
+        return Recording(table[:, 0] - table[:1, 0], table[:, 1:4], table[:, 4:], tuple(torn))
+    except FlatsatError as error:
+        raise FlatsatError(f"{name}: {error}") from error
+
+
+def _row(line: str) -> list[float] | None:
+    """Return the numbers of a line, none of them if one is not a number, or None if the line breaks off."""
+    *whole, last = (part.strip() for part in line.split(","))
+    try:
+        row = [float(part) for part in whole]
+    except ValueError:
+        return []
+    try:
+        row.append(float(last))
+    except ValueError:
+        return None if len(row) < len(COLUMNS) and _NUMERALS.issuperset(last) else []
+    return row if len(row) >= len(COLUMNS) else None

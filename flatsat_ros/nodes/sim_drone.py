@@ -1,0 +1,190 @@
+"""Simulated Crazyflies that speak crazyswarm2's topics: set-points in, motion capture poses out, in real time.
+
+The room's time follows the node's clock. When it cannot, because the process was stopped or the machine is too slow,
+the room stands still for what exceeds `_CATCH_UP`: integration never falls further and further behind, stamps never lie
+in the future, and no drone takes a stall of its own simulator for a lost link. The same holds when the clock steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, Twist
+from rclpy.node import Node
+
+from flatsat_ros._resources import config_path
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.vehicle import VehicleProfile
+from flatsat_ros.nodes import interfaces, messages, runtime
+from flatsat_ros.nodes.parameters import declare, robot_names
+from flatsat_ros.sim.dynamics import Wind
+from flatsat_ros.sim.firmware import State
+from flatsat_ros.sim.fleet import SimulatedFleet
+from flatsat_ros.sim.power import Battery
+from flatsat_ros.sim.sensor import MotionCapture
+
+# how often the room is brought up to date, s; poses leave at most this much later than they are due
+_TICK = 0.005
+# the most that is caught up at once, s: less than the silence after which the firmware levels out
+_CATCH_UP = 0.25
+_DIAGNOSTICS_PERIOD = 1.0  # s
+
+
+class SimDrone(Node):  # type: ignore[misc]
+    """ROS shell of `SimulatedFleet`."""
+
+    def __init__(self) -> None:
+        """Read the parameters, switch the drones on, start the clock of the room."""
+        super().__init__("sim_drone")
+        names = declare(self, "robot_names", ["cf1"], "names of the drones, the prefix of their topics")
+        self.robots = robot_names(names)
+        self._fleet = self._build_fleet(len(self.robots))
+        self._refused = [0] * len(self.robots)
+        self._pose = PoseStamped()
+        self._pose.header.frame_id = "world"
+        self._pose_publishers = []
+        for index, robot in enumerate(self.robots):
+            self._connect(index, robot)
+        self._diagnostics = self.create_publisher(
+            interfaces.DIAGNOSTICS_KIND, interfaces.DIAGNOSTICS, interfaces.DIAGNOSTICS_QOS
+        )
+        # ns: what the clock showed last; what it shows when the time of the room is 0, now and without any pause
+        self._seen = self._epoch = self._started = self.get_clock().now().nanoseconds
+        self.create_timer(_TICK, self._advance)
+        self.create_timer(_DIAGNOSTICS_PERIOD, self._on_diagnostics)
+        self.get_logger().info(f"simulating {', '.join(self.robots)}")
+
+    def _build_fleet(self, count: int) -> SimulatedFleet:
+        """Read everything that makes the room and its drones.
+
+        Raises:
+            FlatsatError: a value is not valid.
+        """
+        vehicle = declare(self, "vehicle", "cf21", "vehicle profile: packaged name or path of a YAML file")
+        line = np.linspace((0.0, 0.0, 0.0), (count - 1.0, 0.0, 0.0), count).ravel()
+        start = declare(self, "start_positions", line.tolist(), "initial x, y, z of every drone in turn", unit="m")
+        if len(start) != 3 * count:
+            raise FlatsatError(
+                f"parameter start_positions has {len(start)} entries: must have {3 * count}, x, y, z of {count} drones"
+            )
+        return SimulatedFleet(
+            VehicleProfile.load(config_path(vehicle, "vehicles")),
+            count,
+            start=np.reshape(start, (count, 3)),
+            dynamics=declare(
+                self, "dynamics", "identified", "ideal: double integrator; identified: with attitude, lag, drag"
+            ),
+            flying=declare(self, "flying", False, "start hovering, unlocked, instead of booting on the floor"),
+            yaw=declare(self, "start_yaw", 0.0, "initial yaw of every drone", unit="rad", bounds=(-np.pi, np.pi)),
+            seed=declare(self, "seed", 0, "seed of noise, drop-out and gusts", bounds=(0, 2**31 - 1)),
+            thrust_scale=declare(
+                self, "thrust_scale", 1.0, "force over what the vehicle profile promises", bounds=(0.1, 10.0)
+            ),
+            command_delay=declare(
+                self, "command_delay", 0.0, "from a command's arrival here to the drone", unit="s", bounds=(0.0, 10.0)
+            ),
+            wind=self._wind(),
+            capture=self._capture(),
+            battery=self._battery(),
+        )
+
+    def _wind(self) -> Wind:
+        mean = declare(self, "wind", [0.0, 0.0, 0.0], "mean air velocity in the world frame, x, y, z", unit="m/s")
+        return Wind(
+            mean=tuple(mean),
+            gust=declare(self, "gust", 0.0, "standard deviation of gusts, per axis", unit="m/s", bounds=(0.0, 100.0)),
+            gust_time=declare(self, "gust_time", 1.0, "correlation time of gusts", unit="s", bounds=(1e-3, 1e3)),
+        )
+
+    def _capture(self) -> MotionCapture:
+        noise = "standard deviation of a measured position, per axis"
+        return MotionCapture(
+            rate=declare(self, "pose_rate", 100.0, "poses per second", unit="Hz", bounds=(0.1, 500.0)),
+            noise=declare(self, "position_noise", 0.0, noise, unit="m", bounds=(0.0, 10.0)),
+            dropout=declare(self, "drop_out", 0.0, "probability that a pose is lost", bounds=(0.0, 1.0)),
+            latency=declare(
+                self, "pose_delay", 0.0, "from a pose's stamp to its publication", unit="s", bounds=(0.0, 10.0)
+            ),
+        )
+
+    def _battery(self) -> Battery:
+        drain = "fall of the open-circuit voltage at full force"
+        return Battery(
+            voltage=declare(
+                self, "battery_voltage", 4.0, "open-circuit voltage at the start", unit="V", bounds=(0.1, 100.0)
+            ),
+            sag=declare(self, "battery_sag", 0.0, "voltage drop at full force", unit="V", bounds=(0.0, 100.0)),
+            drain=declare(self, "battery_drain", 0.0, drain, unit="V/s", bounds=(0.0, 100.0)),
+        )
+
+    def _connect(self, index: int, robot: str) -> None:
+        pose, command = interfaces.POSE, interfaces.COMMAND
+        self._pose_publishers.append(self.create_publisher(pose.kind, pose.of(robot), pose.publish))
+        self.create_subscription(
+            command.kind, command.of(robot), lambda m: self._on_command(index, m), command.subscribe
+        )
+
+    def _on_command(self, index: int, message: Twist) -> None:
+        """Hand a set-point over as it is: NaN angles as well, which the firmware does not check either."""
+        self._advance()
+        try:
+            self._fleet.command(index, *messages.command_from_message(message))
+        except FlatsatError as error:
+            self._refused[index] += 1
+            self.get_logger().error(f"{self.robots[index]}: command ignored: {error}", throttle_duration_sec=1.0)
+
+    def _advance(self) -> None:
+        """Bring the room up to the clock, as far as one step may, and publish the poses that are due."""
+        now = self.get_clock().now().nanoseconds
+        elapsed, self._seen = now - self._seen, now
+        self._epoch += elapsed - min(max(elapsed, 0), round(_CATCH_UP * messages.NANOSECONDS))
+        time = (now - self._epoch) / messages.NANOSECONDS
+        self._fleet.advance_to(time)
+        for sample in self._fleet.measurements(time):
+            stamp = self._epoch + round(sample.stamp * messages.NANOSECONDS)
+            messages.fill_pose(self._pose, stamp, sample.position, sample.quaternion)
+            self._pose_publishers[sample.drone].publish(self._pose)
+
+    def _on_diagnostics(self) -> None:
+        firmware, bodies, power = self._fleet.firmware, self._fleet.bodies, self._fleet.power
+        message = interfaces.DIAGNOSTICS_KIND()
+        message.header.stamp = self.get_clock().now().to_msg()
+        paused = (self._epoch - self._started) / messages.NANOSECONDS
+        for index, robot in enumerate(self.robots):
+            level, text = self._condition(index)
+            values = {
+                "state": State(firmware.state[index]).name,
+                "thrust locked": bool(firmware.thrust_locked[index]),
+                "tumbled": bool(firmware.tumbled[index]),
+                "battery V": f"{power.voltage[index]:.2f}",
+                "on the floor": bool(bodies.grounded[index]),
+                "commands ignored": self._refused[index],
+                "paused s": f"{paused:.2f}",
+            }
+            message.status.append(messages.diagnostic_status(f"{self.get_name()}: {robot}", robot, level, text, values))
+        self._diagnostics.publish(message)
+
+    def _condition(self, index: int) -> tuple[bytes, str]:
+        """Return the level and one word about a drone's firmware."""
+        firmware = self._fleet.firmware
+        state = State(firmware.state[index])
+        if not firmware.powered[index]:
+            return DiagnosticStatus.ERROR, "battery empty"
+        if firmware.tumbled[index] or state is State.CRASHED:
+            return DiagnosticStatus.ERROR, "tumbled"
+        if state in (State.FREE_FALL, State.LOCKED):
+            return DiagnosticStatus.ERROR, "motors off until reboot"
+        if state is State.LEVEL_OUT:
+            return DiagnosticStatus.WARN, "level-out"
+        if firmware.thrust_locked[index]:
+            return DiagnosticStatus.WARN, "thrust locked"
+        if firmware.battery_low[index]:
+            return DiagnosticStatus.WARN, "battery low"
+        return DiagnosticStatus.OK, state.name.lower().replace("_", " ")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the simulated drones; the console script `sim_drone`."""
+    return runtime.run(SimDrone, argv)
