@@ -207,7 +207,7 @@ class Bodies:
         self.thrust = self._response.thrust(self.thrust, thrust)
         self.attitude = self._next_attitude(angles)
 
-        u = np.stack([self.thrust, self.attitude[0, :, 0], self.attitude[1, :, 0]], axis=-1)
+        u = np.array([self.thrust, *self.attitude[:2, :, 0]]).T
         pushed = acceleration_from_input(u, self.attitude[2, :, 0], GRAVITY) + self._response.drag * wind
         self.position = self.position + self.velocity * self._f1 + pushed * self._f2
         self.velocity = self.velocity * self._keep + pushed * self._f1

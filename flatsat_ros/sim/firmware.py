@@ -169,11 +169,14 @@ class Firmware:
             times[index] = NEVER
         self._not_low[index] = self._not_critical[index] = now
 
-    def start_flying(self, thrust: float) -> None:
-        """Begin in the air: every drone armed, unlocked and flying level with this thrust, PWM, since time 0."""
+    def start_flying(self, thrust: float, yaw: FloatArray) -> None:
+        """Begin in the air: every drone armed, unlocked and level since time 0, with a thrust, PWM, and (N,) yaw, rad."""
         self.armed[:] = True
         self.state[:] = State.FLYING
         self.thrust_locked[:] = self._silenced[:] = False
+        self._yaw_goal = yaw
+        if self._absolute_yaw:
+            self._setpoint[2] = yaw
         self._setpoint[3] = thrust
         self._received[:] = self._thrusting[:] = 0
 
@@ -292,6 +295,7 @@ class Firmware:
 
         A NaN angle makes the integral of that axis' PID NaN, whose output then becomes a torque of 0: nobody controls
         the axis until a thrust of 0 resets the PIDs (pid.c pidUpdate, attitude_pid_controller.c saturateSignedInt16).
+        Without thrust the attitude is in fact left alone; here it is asked to level out, which nobody flies to see.
 
         Args:
             dt: since the last call, s.
@@ -300,20 +304,16 @@ class Firmware:
         Returns:
             (3, N) desired roll, pitch, yaw, rad, NaN for an axis that nobody controls; (N,) PWM; (N,) motors allowed.
         """
-        roll, pitch, turn, thrust = np.where(self.powered & CAN_FLY[self.state], self._setpoint, 0.0)
+        active = self.powered & CAN_FLY[self.state] & (self._setpoint[3] > 0.0)
+        roll, pitch, turn, thrust = np.where(active, self._setpoint, 0.0)
         level = self.state == State.LEVEL_OUT
-        hold_yaw = level | np.array(self._absolute_yaw)
-        self._yaw_goal = self._yaw_goal + np.where(hold_yaw, 0.0, turn * dt)
-        if self._absolute_yaw:
-            self._yaw_goal = np.where(level, self._yaw_goal, turn)
-        stopped = thrust == 0.0
-        self._yaw_goal = np.where(stopped, yaw, self._yaw_goal)
+        followed = turn if self._absolute_yaw else self._yaw_goal + turn * dt
+        self._yaw_goal = np.where(active, np.where(level, self._yaw_goal, followed), yaw)
         # the shorter way round
         goal = yaw + np.remainder(self._yaw_goal - yaw + np.pi, 2.0 * np.pi) - np.pi
-        angles = np.stack([np.where(level, 0.0, roll), np.where(level, 0.0, pitch), goal])
-        self._lost = ~stopped & (self._lost | ~np.isfinite(angles))
-        running = self.powered & MOTORS_ALLOWED[self.state]
-        return np.where(self._lost, np.nan, np.where(stopped & ~np.isfinite(angles), 0.0, angles)), thrust, running
+        angles = np.array([np.where(level, 0.0, roll), np.where(level, 0.0, pitch), goal])
+        self._lost = active & (self._lost | np.isnan(angles))
+        return np.where(self._lost, np.nan, angles), thrust, self.powered & MOTORS_ALLOWED[self.state]
 
     def info(self) -> IntArray:
         """Return the (N,) supervisor.info bit field: supervisor.c updateLogData.

@@ -100,13 +100,12 @@ class SimulatedFleet:
         response: Response = Ideal() if ideal else Identified(profile.dynamics)
         train = IdealPowerTrain if ideal else PowerTrain
         self.count = count
-        self.bodies = Bodies(
-            response, position, _per_drone("yaw", yaw, count), thrust=GRAVITY if flying else 0.0, floor=floor
-        )
+        heading = _per_drone("yaw", yaw, count)
+        self.bodies = Bodies(response, position, heading, thrust=GRAVITY if flying else 0.0, floor=floor)
         self.firmware = Firmware(profile, count, absolute_yaw=absolute_yaw)
         self.power = train(profile, battery or Battery(), count)
         if flying:
-            self.firmware.start_flying(float(profile.pwm_from_thrust(GRAVITY)))
+            self.firmware.start_flying(float(profile.pwm_from_thrust(GRAVITY)), heading)
         self._acceleration_of_force = scale / profile.mass
         self._delay = command_delay + (0.0 if ideal else profile.delay)
         self._wind = wind or Wind()

@@ -184,7 +184,7 @@ def test_silence_on_the_ground_locks_nothing() -> None:
     """supervisor_state_machine.c: only flying states have watchdog transitions."""
     fleet = grounded()
     stream(fleet, 1.0, 0.0)
-    silence(fleet, 60.0)
+    silence(fleet, 10.0)
     stream(fleet, 0.5, TAKE_OFF)
     assert took_off(fleet)
 
