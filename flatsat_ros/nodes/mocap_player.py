@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -115,3 +116,7 @@ def _read(path: str, topic: str) -> Recording:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the player; the console script `mocap_player`."""
     return runtime.run(MocapPlayer, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -7,6 +7,7 @@ in the future, and no drone takes a stall of its own simulator for a lost link. 
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 
 import numpy as np
@@ -188,3 +189,7 @@ class SimDrone(Node):  # type: ignore[misc]
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the simulated drones; the console script `sim_drone`."""
     return runtime.run(SimDrone, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
