@@ -170,7 +170,7 @@ class Firmware:
         self._not_low[index] = self._not_critical[index] = now
 
     def start_flying(self, thrust: float, yaw: FloatArray) -> None:
-        """Begin in the air: every drone armed, unlocked and level since time 0, with a thrust, PWM, and (N,) yaw, rad."""
+        """Begin in the air: armed, unlocked and level since time 0 with this thrust, PWM, and (N,) yaw, rad."""
         self.armed[:] = True
         self.state[:] = State.FLYING
         self.thrust_locked[:] = self._silenced[:] = False

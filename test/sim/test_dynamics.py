@@ -5,13 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
 from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.flatness import acceleration_from_input
 from flatsat_ros.core.vehicle import AttitudeResponse, Dynamics, VehicleProfile
 from flatsat_ros.sim.dynamics import GRAVITY, STEP, Bodies, Ideal, Identified, Wind
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from numpy.testing import assert_allclose
 
 VEHICLES = Path(__file__).parents[2] / "config" / "vehicles"
 PROFILES = [VehicleProfile.load(path).dynamics for path in sorted(VEHICLES.glob("*.yaml"))]

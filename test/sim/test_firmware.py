@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.sim.dynamics import GRAVITY
@@ -190,7 +191,7 @@ def test_silence_on_the_ground_locks_nothing() -> None:
 
 
 def test_after_notify_setpoints_stop_null_setpoints_cut_the_motors_but_lock_nothing() -> None:
-    """crtp_commander.c notifySetpointsStopDecoder; crtp_commander_high_level.c: a stopped planner sends nullSetpoint."""
+    """crtp_commander.c notifySetpointsStopDecoder; crtp_commander_high_level.c sends nullSetpoint."""
     fleet = flying()
     stream(fleet, 1.0, HOVER)
     fleet.firmware.notify_setpoints_stop(0)

@@ -4,6 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
 from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.flatness import acceleration_from_input, input_from_acceleration
 from flatsat_ros.core.vehicle import VehicleProfile
@@ -11,9 +15,6 @@ from flatsat_ros.sim.dynamics import GRAVITY, STEP, Wind
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.power import Battery
 from flatsat_ros.sim.sensor import MotionCapture
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from numpy.testing import assert_allclose, assert_array_equal
 
 VEHICLES = Path(__file__).parents[2] / "config" / "vehicles"
 CF21 = VehicleProfile.load(VEHICLES / "cf21.yaml")
