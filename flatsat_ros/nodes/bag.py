@@ -1,8 +1,11 @@
-"""Recordings that lie in a ROS 2 bag, MCAP or SQLite, read with rosbags: no ROS tool is needed."""
+"""ROS 2 bags, read (MCAP or SQLite) and written (MCAP) with rosbags: no ROS tool is needed."""
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -52,3 +55,44 @@ def read_bag(path: str, topic: str = "") -> Recording:
         np.array([position for _, position, _ in entries]),
         np.array([quaternion for _, _, quaternion in entries]),
     )
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """One message as it came: arrival (ns), topic, ROS type name, CDR bytes."""
+
+    time: int
+    topic: str
+    kind: str
+    data: bytes
+
+
+def write_bag(folder: Path, recorded: Sequence[Recorded]) -> None:
+    """Write messages into an MCAP bag, replacing the folder; a failure leaves the old one.
+
+    Raises:
+        FlatsatError: rosbags is not installed, or the bag cannot be written.
+    """
+    try:
+        from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise FlatsatError(f"bag {str(folder)!r}: writing one needs rosbags, pip install rosbags") from error
+    typestore = get_typestore(Stores.ROS2_JAZZY)
+    # rosbags names the file after the folder it is written to: same name, one level down
+    partial = folder.parent / ".part" / folder.name
+    try:
+        shutil.rmtree(partial.parent, ignore_errors=True)
+        partial.parent.mkdir(parents=True)
+        with Writer(partial, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+            connections = {
+                topic: writer.add_connection(topic, kind, typestore=typestore)
+                for topic, kind in dict((entry.topic, entry.kind) for entry in recorded).items()
+            }
+            for entry in recorded:
+                writer.write(connections[entry.topic], entry.time, entry.data)
+        shutil.rmtree(folder, ignore_errors=True)
+        partial.rename(folder)
+        partial.parent.rmdir()
+    except (WriterError, OSError) as error:
+        raise FlatsatError(f"bag {str(folder)!r} cannot be written: {error}") from error

@@ -1,0 +1,205 @@
+"""The demo over real DDS: starts the nodes as processes, conducts and records the flight, stops the nodes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import rclpy
+from rclpy.experimental import EventsExecutor
+from rclpy.signals import SignalHandlerOptions
+from tqdm import tqdm
+
+from flatsat_ros._resources import config_path
+from flatsat_ros.cli.demo import BAR, CLIMB_TIME, GAMMA_0, MU, POSE_NOISE, V_INF, VEHICLE, Scenario, record_of
+from flatsat_ros.cli.demo_record import FlightRecord, RobotRecord
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.vehicle import VehicleProfile
+from flatsat_ros.nodes import interfaces
+from flatsat_ros.nodes.bag import write_bag
+from flatsat_ros.nodes.conductor import Conductor, commands_of, poses_of, ticks_of
+
+# everything of the demo lives below this name, so that it never speaks to a drone of the user's
+NAMESPACE = "/demo"
+_DISCOVERY = 30.0  # s, until all nodes must have found each other
+_LISTENING = 1.0  # s, in which another demo would be noticed
+_LEAD = 0.5  # s, from sending the trajectories to their start
+_GOODBYE = 5.0  # s, that a node has to end by itself
+_SLICE = 0.02  # s
+
+
+def fly(scenario: Scenario, folder: Path) -> FlightRecord:
+    """Fly the scenario with one controller process and one sim_drone process per drone.
+
+    Raises:
+        FlatsatError: the nodes did not find each other, one died, or another demo is running.
+    """
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    vehicle = VehicleProfile.load(config_path(VEHICLE, "vehicles"))
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        conductor = Conductor(scenario.robots, NAMESPACE)
+        executor = EventsExecutor()
+        executor.add_node(conductor)
+        try:
+            _listen_for_others(conductor, executor)
+            with _nodes(_commands(scenario), folder / "log") as nodes:
+                swap_start = _conduct(scenario, conductor, executor, nodes)
+            executor.spin_once(timeout_sec=_SLICE)
+        finally:
+            executor.shutdown()
+            conductor.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+    write_bag(folder / "bag", conductor.recorded)
+
+    origin = conductor.recorded[0].time
+    start = (swap_start - origin) / 1e9
+
+    def topic(kind: interfaces.Topic, robot: str) -> str:
+        return f"{NAMESPACE}/{kind.of(robot)}"
+
+    robots = {
+        name: RobotRecord(
+            np.array(poses_of(conductor.recorded, topic(interfaces.POSE, name), origin)),
+            np.array(ticks_of(conductor.recorded, topic(interfaces.TELEMETRY, name), origin)),
+            np.array(commands_of(conductor.recorded, topic(interfaces.COMMAND, name), origin, vehicle)),
+            scenario.swaps[i].shifted(start),
+        )
+        for i, name in enumerate(scenario.robots)
+    }
+    return record_of(scenario, robots, start)
+
+
+def _commands(scenario: Scenario) -> dict[str, list[str]]:
+    """Return the command line of every node, by name."""
+
+    def node(module: str, parameters: dict[str, str]) -> list[str]:
+        settings = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
+        return [sys.executable, "-m", f"flatsat_ros.nodes.{module}", "--ros-args", "-r", f"__ns:={NAMESPACE}", *settings]
+
+    commands = {
+        "controller": node(
+            "controller",
+            {
+                "robot_names": f"[{','.join(scenario.robots)}]",
+                "certificate": str(scenario.certificate_path.resolve()),
+                "vehicle": VEHICLE,
+                "mu": repr(MU),
+                "v_inf": repr(V_INF),
+                "gamma_0": repr(GAMMA_0),
+            },
+        )
+    }
+    for i, (robot, start) in enumerate(zip(scenario.robots, scenario.start.tolist(), strict=True)):
+        commands[f"sim_drone_{robot}"] = node(
+            "sim_drone",
+            {
+                "robot_names": f"[{robot}]",
+                "vehicle": VEHICLE,
+                "dynamics": scenario.dynamics,
+                "start_positions": str(start),
+                "position_noise": repr(POSE_NOISE),
+                "seed": str(i),
+            },
+        )
+    return commands
+
+
+@contextmanager
+def _nodes(commands: dict[str, list[str]], logs: Path) -> Iterator[dict[str, subprocess.Popen[bytes]]]:
+    """Start the processes, each with its own log file, and end them, whatever happens in between.
+
+    Raises:
+        FlatsatError: a process that was still running at the end did not leave by itself with exit code 0.
+    """
+    logs.mkdir(parents=True, exist_ok=True)
+    running: dict[str, subprocess.Popen[bytes]] = {}
+    try:
+        for name, command in commands.items():
+            with open(logs / f"{name}.log", "wb") as log:
+                running[name] = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+        yield running
+    except BaseException:
+        _stop(running)
+        raise
+    left = _stop(running)
+    if left:
+        raise FlatsatError(f"{', '.join(left)} did not end cleanly; see {logs}")
+
+
+def _stop(running: dict[str, subprocess.Popen[bytes]]) -> list[str]:
+    """End all processes and return the names of those that did not leave by themselves with exit code 0."""
+    for process in running.values():
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+    deadline = time.monotonic() + _GOODBYE
+    unclean = []
+    for name, process in running.items():
+        try:
+            process.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        if process.returncode != 0:
+            unclean.append(f"{name} (exit code {process.returncode})")
+    return unclean
+
+
+def _require_alive(nodes: dict[str, subprocess.Popen[bytes]]) -> None:
+    for name, process in nodes.items():
+        if process.poll() is not None:
+            raise FlatsatError(f"node {name} died in flight with exit code {process.returncode}; see its log")
+
+
+def _listen_for_others(conductor: Conductor, executor: EventsExecutor) -> None:
+    """Refuse to fly among the messages of another demo."""
+    end = time.monotonic() + _LISTENING
+    while time.monotonic() < end:
+        executor.spin_once(timeout_sec=_SLICE)
+        if conductor.occupied():
+            raise FlatsatError(
+                f"somebody already uses topics below {NAMESPACE} in this ROS domain: "
+                "stop that demo first, or set another ROS_DOMAIN_ID"
+            )
+
+
+def _conduct(
+    scenario: Scenario,
+    conductor: Conductor,
+    executor: EventsExecutor,
+    nodes: dict[str, subprocess.Popen[bytes]],
+) -> int:
+    """Wait for the nodes, climb, swap; return when the swap began, ns."""
+
+    def spin(seconds: float, bar: tqdm[None]) -> None:
+        begin = time.monotonic()
+        flown = bar.n
+        while (elapsed := time.monotonic() - begin) < seconds:
+            executor.spin_once(timeout_sec=_SLICE)
+            _require_alive(nodes)
+            bar.update(flown + elapsed - bar.n)
+        bar.update(flown + seconds - bar.n)
+
+    with tqdm(total=round(_DISCOVERY, 1), unit="s", desc="waiting for the nodes", bar_format=BAR, leave=False) as bar:
+        end = time.monotonic() + _DISCOVERY
+        while missing := conductor.missing():
+            spin(0.1, bar)
+            if time.monotonic() > end:
+                raise FlatsatError(f"not heard of after {_DISCOVERY:g} s: {', '.join(missing)}")
+    with tqdm(total=round(CLIMB_TIME + scenario.duration, 1), unit="s", desc="flying", bar_format=BAR) as bar:
+        for i, position in enumerate(scenario.gathering.tolist()):
+            conductor.send_goal(i, position)
+        spin(CLIMB_TIME - _LEAD, bar)
+        start = conductor.now() + round(_LEAD * 1e9)
+        for i, swap in enumerate(scenario.swaps):
+            conductor.send_trajectory(i, swap, start)
+        spin(_LEAD + scenario.duration, bar)
+    return start

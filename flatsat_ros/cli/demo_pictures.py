@@ -1,0 +1,103 @@
+"""The demo's pictures: where the drones went, what the gain did, what the motors were asked for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+
+from flatsat_ros.cli.demo_record import FlightRecord
+from flatsat_ros.core.supervisor import Mode
+
+_LIMIT = {"color": "0.3", "linestyle": "--", "linewidth": 1.0}
+_REFERENCE = {"linestyle": ":", "linewidth": 1.6}
+
+
+def draw(record: FlightRecord, folder: Path) -> list[Path]:
+    """Write paths.png, gain.png and inputs.png; return their paths."""
+    written = []
+    for name, figure in (("paths", _paths(record)), ("gain", _gain(record)), ("inputs", _inputs(record))):
+        written.append(folder / f"{name}.png")
+        figure.savefig(written[-1], dpi=130)
+        plt.close(figure)
+    return written
+
+
+def _colours(record: FlightRecord) -> dict[str, object]:
+    return {name: plt.get_cmap("tab10")(i % 10) for i, name in enumerate(record.robots)}
+
+
+def _paths(record: FlightRecord) -> plt.Figure:
+    figure, grid = plt.subplot_mosaic(
+        [["top", "x"], ["top", "y"], ["top", "z"]], figsize=(11, 5.2), layout="constrained", width_ratios=(1, 1.15)
+    )
+    begin, end = record.swap
+    times = np.linspace(begin, end, 400)
+    for name, colour in _colours(record).items():
+        robot = record.robots[name]
+        reference = np.array([robot.reference.sample(t)[:3] for t in times])
+        swap = robot.poses[(robot.poses[:, 0] >= begin) & (robot.poses[:, 0] <= end)]
+        grid["top"].plot(reference[:, 0], reference[:, 1], color=colour, **_REFERENCE)
+        grid["top"].plot(swap[:, 1], swap[:, 2], color=colour, label=name)
+        grid["top"].plot(*swap[0, 1:3], "o", color=colour)
+        for i, axis in enumerate("xyz"):
+            grid[axis].plot(times, reference[:, i], color=colour, **_REFERENCE)
+            grid[axis].plot(robot.poses[:, 0], robot.poses[:, 1 + i], color=colour, linewidth=1.2)
+    grid["top"].set(title="from above (dotted: reference)", xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    grid["top"].legend(loc="upper right")
+    for axis in "xyz":
+        grid[axis].set_ylabel(f"{axis} [m]")
+        _finish(grid[axis], record, last=axis == "z")
+    grid["top"].grid(alpha=0.3)
+    return figure
+
+
+def _gain(record: FlightRecord) -> plt.Figure:
+    figure, (gain, lyapunov) = plt.subplots(2, 1, figsize=(8, 5.2), sharex=True, layout="constrained")
+    for name, colour in _colours(record).items():
+        robot = record.robots[name]
+        flying = robot.column("mode") == Mode.FLY
+        gain.plot(robot.ticks[flying, 0], robot.column("gamma")[flying], color=colour, label=name)
+        lyapunov.semilogy(robot.ticks[flying, 0], robot.column("V")[flying], color=colour)
+    gain.set_ylabel(r"gain $\gamma$")
+    gain.set_title(f"gain (cap {record.gain_max:.4g}) and Lyapunov function")
+    gain.legend()
+    lyapunov.axhline(record.level, **_LIMIT)
+    lyapunov.text(0.01, record.level, r" $\varepsilon$", transform=lyapunov.get_yaxis_transform(), va="bottom")
+    lyapunov.axhline(record.threshold, **_LIMIT)
+    lyapunov.text(0.01, record.threshold, r" $V_\infty$", transform=lyapunov.get_yaxis_transform(), va="bottom")
+    lyapunov.set_ylabel("V")
+    _finish(gain, record)
+    _finish(lyapunov, record, last=True)
+    return figure
+
+
+def _inputs(record: FlightRecord) -> plt.Figure:
+    figure, rows = plt.subplots(3, 1, figsize=(8, 6.4), sharex=True, layout="constrained")
+    tilt = np.degrees(record.limits.tilt_max)
+    limits = ((record.limits.thrust_min, record.limits.thrust_max), (-tilt, tilt), (-tilt, tilt))
+    labels = (r"thrust $T$ [m/s$^2$]", r"roll $\phi$ [deg]", r"pitch $\theta$ [deg]")
+    for i, (axes, bounds, label) in enumerate(zip(rows, limits, labels, strict=True)):
+        for name, colour in _colours(record).items():
+            commands = record.robots[name].commands
+            values = commands[:, 1] if i == 0 else np.degrees(commands[:, 1 + i])
+            axes.step(commands[:, 0], values, where="post", color=colour, linewidth=1.0, label=name)
+        for bound in bounds:
+            axes.axhline(bound, **_LIMIT)
+        axes.set_ylabel(label)
+        _finish(axes, record, last=i == 2)
+    rows[0].set_title("commands on the wire (dashed: limits)")
+    rows[0].legend(loc="lower right", ncols=3)
+    return figure
+
+
+def _finish(axes: Axes, record: FlightRecord, last: bool = False) -> None:
+    axes.axvspan(*record.swap, color="0.95", zorder=0)
+    axes.grid(alpha=0.3)
+    if last:
+        axes.set_xlabel("time [s]")

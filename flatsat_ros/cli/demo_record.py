@@ -1,0 +1,165 @@
+"""What one demo flight left behind, live or simulated, and the figures drawn from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flatsat_ros.core.flatness import FloatArray
+from flatsat_ros.core.input_set import InputSet
+from flatsat_ros.core.reference import Trajectory
+from flatsat_ros.core.supervisor import Mode
+from flatsat_ros.core.telemetry import FIELDS
+
+# root mean square tracking errors of the paper's Test 2, Table III, m
+PAPER_RMS = (0.0703, 0.0826, 0.0602)
+RMS_LIMIT = 0.10  # m, what the demo promises
+# degrees and PWM on the wire cost a few units in the last place
+_ROUNDING = 1e-9
+
+_MODE = 1 + FIELDS.index("mode")
+_TICK_US = 1 + FIELDS.index("tick_us")
+
+
+@dataclass(frozen=True, eq=False)
+class RobotRecord:
+    """One robot's flight; times are s on the record's clock.
+
+    Attributes:
+        poses: (n, 4) stamp, x, y, z, m, as measured.
+        ticks: (m, 1 + len(FIELDS)) time and telemetry.
+        commands: (k, 5) time, T m/s^2, phi, theta rad, yaw rate rad/s, as read off the wire.
+        reference: of the swap.
+    """
+
+    poses: FloatArray
+    ticks: FloatArray
+    commands: FloatArray
+    reference: Trajectory
+
+    def column(self, field: str) -> FloatArray:
+        """Return one telemetry field over the ticks."""
+        return self.ticks[:, 1 + FIELDS.index(field)]
+
+
+@dataclass(frozen=True, eq=False)
+class FlightRecord:
+    """A whole flight.
+
+    Attributes:
+        robots: by name.
+        limits: the input set of the certificate flown.
+        level: eps of the certificate.
+        threshold: V_inf.
+        gain_max: cap of the gain.
+        rate: ticks per second.
+        dynamics: of the simulated drones.
+        swap: begin and end of the swap, s.
+    """
+
+    robots: Mapping[str, RobotRecord]
+    limits: InputSet
+    level: float
+    threshold: float
+    gain_max: float
+    rate: float
+    dynamics: str
+    swap: tuple[float, float]
+
+    def summary(self) -> dict[str, Any]:
+        """Return the figures of summary.json, computed from what was recorded."""
+        paper = PAPER_RMS if len(self.robots) == len(PAPER_RMS) else (None,) * len(self.robots)
+        durations = np.concatenate([r.ticks[:, _TICK_US] for r in self.robots.values()])
+        return {
+            "robots": {
+                name: self._robot_summary(robot) | {"rms_paper_m": printed}
+                for (name, robot), printed in zip(self.robots.items(), paper, strict=True)
+            },
+            "violations": sum(self._violations(robot) for robot in self.robots.values()),
+            "separation_min_m": self._separation(),
+            "tick_median_us": float(np.median(durations)),
+            "tick_p99_us": float(np.quantile(durations, 0.99)),
+            "dynamics": self.dynamics,
+            "rate_hz": self.rate,
+            "seconds": self.swap[1] - self.swap[0],
+        }
+
+    def _robot_summary(self, robot: RobotRecord) -> dict[str, Any]:
+        begin, end = self.swap
+        flown = robot.poses[(robot.poses[:, 0] >= begin) & (robot.poses[:, 0] <= end)]
+        error = flown[:, 1:] - np.array([robot.reference.sample(t)[:3] for t in flown[:, 0]])
+        flying = robot.ticks[robot.ticks[:, _MODE] == Mode.FLY]
+        thrust, roll, pitch = (flying[:, 1 + FIELDS.index(name)] for name in ("T", "phi", "theta"))
+        return {
+            "rms_m": float(np.sqrt((error**2).sum(axis=1).mean())),
+            "gamma_final": float(robot.column("gamma")[-1]),
+            "tilt_max_rad": float(np.arccos(np.cos(roll) * np.cos(pitch)).max()),
+            "thrust_min": float(thrust.min()),
+            "thrust_max": float(thrust.max()),
+        }
+
+    def _violations(self, robot: RobotRecord) -> int:
+        """Count the commands on the wire that break a limit on thrust, roll or pitch, or are not numbers."""
+        thrust, roll, pitch = robot.commands[:, 1:4].T
+        tilt = self.limits.tilt_max + _ROUNDING
+        within = (thrust >= self.limits.thrust_min - _ROUNDING) & (thrust <= self.limits.thrust_max + _ROUNDING)
+        within &= (np.abs(roll) <= tilt) & (np.abs(pitch) <= tilt)
+        return int((~within).sum())
+
+    def _separation(self) -> float | None:
+        """Return the smallest distance between two drones from the first command on, m; None for one drone."""
+        tracks = list(self.robots.values())
+        if len(tracks) < 2:
+            return None
+        begin = max(track.poses[0, 0] for track in tracks)
+        end = min(track.poses[-1, 0] for track in tracks)
+        times = np.arange(begin, end, 0.01)
+        paths = [np.stack([np.interp(times, t.poses[:, 0], t.poses[:, i]) for i in (1, 2, 3)], axis=1) for t in tracks]
+        return float(
+            min(
+                np.linalg.norm(paths[i] - paths[j], axis=1).min() for i in range(len(paths)) for j in range(i)
+            )
+        )
+
+
+def failures(summary: Mapping[str, Any]) -> list[str]:
+    """Return what the demo promises and this flight broke, one sentence each."""
+    broken = [
+        f"{name}: RMS tracking error {100 * robot['rms_m']:.2f} cm, promised below {100 * RMS_LIMIT:.0f} cm"
+        for name, robot in summary["robots"].items()
+        if not robot["rms_m"] < RMS_LIMIT
+    ]
+    if summary["violations"]:
+        broken.append(f"{summary['violations']} commands outside the limits, promised none")
+    return broken
+
+
+def table(summary: Mapping[str, Any], limits: InputSet) -> str:
+    """Return the figures as a table for the terminal."""
+    lines = [
+        f"{'robot':<8}{'RMS cm':>9}{'paper cm':>10}{'gamma':>8}{'tilt deg':>10}{'T min':>8}{'T max':>8}  m/s^2",
+        "-" * 68,
+    ]
+    for name, robot in summary["robots"].items():
+        paper = "-" if robot["rms_paper_m"] is None else f"{100 * robot['rms_paper_m']:.2f}"
+        lines.append(
+            f"{name:<8}{100 * robot['rms_m']:>9.2f}{paper:>10}{robot['gamma_final']:>8.2f}"
+            f"{np.degrees(robot['tilt_max_rad']):>10.2f}{robot['thrust_min']:>8.2f}{robot['thrust_max']:>8.2f}"
+        )
+    lines.append(
+        f"{'limits':<8}{100 * RMS_LIMIT:>9.0f}{'':>10}{'':>8}{np.degrees(limits.tilt_max):>10.2f}"
+        f"{limits.thrust_min:>8.2f}{limits.thrust_max:>8.2f}"
+    )
+    separation = summary["separation_min_m"]
+    lines += [
+        "",
+        f"commands outside the limits: {summary['violations']}"
+        + ("" if separation is None else f"      smallest separation: {separation:.2f} m"),
+        f"tick: median {summary['tick_median_us']:.0f} us, 99 % below {summary['tick_p99_us']:.0f} us, "
+        f"for {len(summary['robots'])} drones at {summary['rate_hz']:g} Hz",
+        f"dynamics: {summary['dynamics']}, swap of {summary['seconds']:g} s",
+    ]
+    return "\n".join(lines)
