@@ -167,7 +167,7 @@ class InputSet:
         turn, m1, m2 = p1 * v2 - p2 * v1, up * v1 - v3 * p1, up * v2 - v3 * p2
         cone = _reciprocal_root(a, b, c, np.maximum(slope * slope * (m1 * m1 + m2 * m2) - turn * turn, 0.0))
 
-        with np.errstate(divide="ignore", over="ignore"):
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
             floor = np.where(v3 < 0.0, -v3 / np.maximum(up - self.thrust_min, 0.0), 0.0)
             return np.asarray(1.0 / (np.maximum(np.maximum(sphere, cone), floor) * scale))
 
