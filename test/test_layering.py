@@ -67,11 +67,16 @@ def imports_of(file: Path, module: str) -> Iterator[Import]:
                 args=[ast.Constant(value=str(name)), *_],
             ):
                 yield Import(name, node.lineno, lazy)
-        lazy = lazy or isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda))
+        lazy = lazy or isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)) or _for_types_only(node)
         for child in ast.iter_child_nodes(node):
             yield from walk(child, lazy)
 
     yield from walk(ast.parse(file.read_text(encoding="utf-8")), lazy=False)
+
+
+def _for_types_only(node: ast.AST) -> bool:
+    """Whether what stands below the node is read by the type checker but never run."""
+    return isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
 
 
 def modules(tree: Path) -> Iterator[tuple[str, Path, str]]:

@@ -81,14 +81,17 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="demo", description=__doc__)
-    parser.add_argument("--dynamics", choices=("identified", "ideal"), default="identified", help="of the simulated drones")
+    parser.add_argument("--dynamics", choices=("identified", "ideal"), default="identified", help="of the drones")
     parser.add_argument(
-        "--seconds", type=float, default=3 * LEG_TIME, help=f"of swapping, rounded up to whole legs of {LEG_TIME:g} s (default: %(default)g)"
+        "--seconds",
+        type=float,
+        default=3 * LEG_TIME,
+        help=f"of swapping, rounded up to whole legs of {LEG_TIME:g} s (default: %(default)g)",
     )
     parser.add_argument("--robots", type=int, default=3, help="number of drones (default: %(default)s)")
     parser.add_argument("--rate", type=float, help="of the controller, Hz (default: the certificate's)")
     parser.add_argument("--headless", action="store_true", help="one process on simulated time, no ROS: fast, no bag")
-    parser.add_argument("--output", type=Path, default=Path("out/demo"), help="folder for the results (default: %(default)s)")
+    parser.add_argument("--output", type=Path, default=Path("out/demo"), help="for the results (default: %(default)s)")
     return parser
 
 

@@ -10,11 +10,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
 
-import numpy as np
-import rclpy
-from rclpy.experimental import EventsExecutor
-from rclpy.signals import SignalHandlerOptions
 from tqdm import tqdm
 
 from flatsat_ros._resources import config_path
@@ -22,9 +19,9 @@ from flatsat_ros.cli.demo import BAR, CLIMB_TIME, GAMMA_0, MU, POSE_NOISE, V_INF
 from flatsat_ros.cli.demo_record import FlightRecord, RobotRecord
 from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.vehicle import VehicleProfile
-from flatsat_ros.nodes import interfaces
-from flatsat_ros.nodes.bag import write_bag
-from flatsat_ros.nodes.conductor import Conductor, commands_of, poses_of, ticks_of
+
+if TYPE_CHECKING:
+    from flatsat_ros.nodes.conductor import Conductor
 
 # everything of the demo lives below this name, so that it never speaks to a drone of the user's
 NAMESPACE = "/demo"
@@ -41,40 +38,23 @@ def fly(scenario: Scenario, folder: Path) -> FlightRecord:
     Raises:
         FlatsatError: the nodes did not find each other, one died, or another demo is running.
     """
+    from flatsat_ros.nodes.bag import write_bag
+    from flatsat_ros.nodes.conductor import conducting
+
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     vehicle = VehicleProfile.load(config_path(VEHICLE, "vehicles"))
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        conductor = Conductor(scenario.robots, NAMESPACE)
-        executor = EventsExecutor()
-        executor.add_node(conductor)
-        try:
-            _listen_for_others(conductor, executor)
-            with _nodes(_commands(scenario), folder / "log") as nodes:
-                swap_start = _conduct(scenario, conductor, executor, nodes)
-            executor.spin_once(timeout_sec=_SLICE)
-        finally:
-            executor.shutdown()
-            conductor.destroy_node()
-    finally:
-        rclpy.try_shutdown()
-    write_bag(folder / "bag", conductor.recorded)
-
-    origin = conductor.recorded[0].time
-    start = (swap_start - origin) / 1e9
-
-    def topic(kind: interfaces.Topic, robot: str) -> str:
-        return f"{NAMESPACE}/{kind.of(robot)}"
-
-    robots = {
-        name: RobotRecord(
-            np.array(poses_of(conductor.recorded, topic(interfaces.POSE, name), origin)),
-            np.array(ticks_of(conductor.recorded, topic(interfaces.TELEMETRY, name), origin)),
-            np.array(commands_of(conductor.recorded, topic(interfaces.COMMAND, name), origin, vehicle)),
-            scenario.swaps[i].shifted(start),
-        )
-        for i, name in enumerate(scenario.robots)
-    }
+    with conducting(scenario.robots, NAMESPACE) as conductor:
+        _listen_for_others(conductor)
+        with _nodes(_commands(scenario), folder / "log") as nodes:
+            begin = _conduct(scenario, conductor, nodes)
+        write_bag(folder / "bag", conductor.recorded)
+        start = conductor.seconds(begin)
+        robots = {
+            name: RobotRecord(
+                conductor.poses(name), conductor.ticks(name), conductor.commands(name, vehicle), swap.shifted(start)
+            )
+            for name, swap in zip(scenario.robots, scenario.swaps, strict=True)
+        }
     return record_of(scenario, robots, start)
 
 
@@ -83,7 +63,8 @@ def _commands(scenario: Scenario) -> dict[str, list[str]]:
 
     def node(module: str, parameters: dict[str, str]) -> list[str]:
         settings = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
-        return [sys.executable, "-m", f"flatsat_ros.nodes.{module}", "--ros-args", "-r", f"__ns:={NAMESPACE}", *settings]
+        program = [sys.executable, "-m", f"flatsat_ros.nodes.{module}"]
+        return [*program, "--ros-args", "-r", f"__ns:={NAMESPACE}", *settings]
 
     commands = {
         "controller": node(
@@ -124,7 +105,7 @@ def _nodes(commands: dict[str, list[str]], logs: Path) -> Iterator[dict[str, sub
     running: dict[str, subprocess.Popen[bytes]] = {}
     try:
         for name, command in commands.items():
-            with open(logs / f"{name}.log", "wb") as log:
+            with (logs / f"{name}.log").open("wb") as log:
                 running[name] = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
         yield running
     except BaseException:
@@ -159,11 +140,10 @@ def _require_alive(nodes: dict[str, subprocess.Popen[bytes]]) -> None:
             raise FlatsatError(f"node {name} died in flight with exit code {process.returncode}; see its log")
 
 
-def _listen_for_others(conductor: Conductor, executor: EventsExecutor) -> None:
+def _listen_for_others(conductor: Conductor) -> None:
     """Refuse to fly among the messages of another demo."""
-    end = time.monotonic() + _LISTENING
-    while time.monotonic() < end:
-        executor.spin_once(timeout_sec=_SLICE)
+    for _ in range(round(_LISTENING / _SLICE)):
+        conductor.spin(_SLICE)
         if conductor.occupied():
             raise FlatsatError(
                 f"somebody already uses topics below {NAMESPACE} in this ROS domain: "
@@ -171,30 +151,24 @@ def _listen_for_others(conductor: Conductor, executor: EventsExecutor) -> None:
             )
 
 
-def _conduct(
-    scenario: Scenario,
-    conductor: Conductor,
-    executor: EventsExecutor,
-    nodes: dict[str, subprocess.Popen[bytes]],
-) -> int:
+def _conduct(scenario: Scenario, conductor: Conductor, nodes: dict[str, subprocess.Popen[bytes]]) -> int:
     """Wait for the nodes, climb, swap; return when the swap began, ns."""
 
-    def spin(seconds: float, bar: tqdm[None]) -> None:
-        begin = time.monotonic()
-        flown = bar.n
+    def spin(seconds: float, bar: tqdm[NoReturn]) -> None:
+        begin, flown = time.monotonic(), bar.n
         while (elapsed := time.monotonic() - begin) < seconds:
-            executor.spin_once(timeout_sec=_SLICE)
+            conductor.spin(_SLICE)
             _require_alive(nodes)
             bar.update(flown + elapsed - bar.n)
         bar.update(flown + seconds - bar.n)
 
-    with tqdm(total=round(_DISCOVERY, 1), unit="s", desc="waiting for the nodes", bar_format=BAR, leave=False) as bar:
+    with tqdm(total=_DISCOVERY, unit="s", desc="waiting for the nodes", bar_format=BAR, leave=False) as bar:
         end = time.monotonic() + _DISCOVERY
         while missing := conductor.missing():
             spin(0.1, bar)
             if time.monotonic() > end:
                 raise FlatsatError(f"not heard of after {_DISCOVERY:g} s: {', '.join(missing)}")
-    with tqdm(total=round(CLIMB_TIME + scenario.duration, 1), unit="s", desc="flying", bar_format=BAR) as bar:
+    with tqdm(total=CLIMB_TIME + scenario.duration, unit="s", desc="flying", bar_format=BAR) as bar:
         for i, position in enumerate(scenario.gathering.tolist()):
             conductor.send_goal(i, position)
         spin(CLIMB_TIME - _LEAD, bar)

@@ -119,9 +119,7 @@ class FlightRecord:
         times = np.arange(begin, end, 0.01)
         paths = [np.stack([np.interp(times, t.poses[:, 0], t.poses[:, i]) for i in (1, 2, 3)], axis=1) for t in tracks]
         return float(
-            min(
-                np.linalg.norm(paths[i] - paths[j], axis=1).min() for i in range(len(paths)) for j in range(i)
-            )
+            min(np.linalg.norm(paths[i] - paths[j], axis=1).min() for i in range(len(paths)) for j in range(i))
         )
 
 

@@ -29,7 +29,7 @@ _ROUNDING = 1e-9
 _HEADER = """\
 # A flatsat_ros certificate. Written by synthesis, verified on load: edit the inputs, not the figures.
 # limits: thrust_max T_max and thrust_min m/s^2 (normalised by the mass), tilt_max eps_max rad, gravity g m/s^2
-# lyapunov: V(xi) = xi' P xi, xi = (position error m, velocity error m/s); P = block (x) I3; V' <= -rate V, rate alpha 1/s
+# lyapunov: V = xi' P xi, xi = (position error m, velocity error m/s); P = block (x) I3; V' <= -rate V, rate alpha 1/s
 # invariant_set: V <= level (eps) implies |B'P xi|^2 <= ball (rho, m^2/s^4), a ball inside the input set
 # sampling: command held for period h s; V does not grow for applied gains in [gain_min, gain_max]; gain_max caps gamma
 """
@@ -85,7 +85,7 @@ class Certificate:
     @property
     def matrix(self) -> FloatArray:
         """The Lyapunov matrix P, (6, 6), for xi = (x, y, z, xdot, ydot, zdot)."""
-        return np.kron(self.block, np.eye(3))
+        return np.asarray(np.kron(self.block, np.eye(3)), dtype=np.float64)
 
     def margins(self) -> dict[str, float]:
         """Return by how much, relatively, each inequality of the certificate holds; negative ones fail."""
@@ -102,9 +102,7 @@ class Certificate:
             "1 <= gain_max": self.gain_max - 1.0,
         }
         for gain, name in ((self.gain_min, "gain_min"), (self.gain_max, "gain_max")):
-            margins[f"V does not grow during a period at {name}"] = -lyapunov.hold_growth(
-                self.block, self.period, gain
-            )
+            margins[f"V does not grow during a period at {name}"] = -lyapunov.hold_growth(self.block, self.period, gain)
         return margins
 
     def verify(self) -> dict[str, float]:
@@ -127,8 +125,8 @@ class Certificate:
         """Read a certificate and verify it.
 
         Raises:
-            FlatsatError: the file cannot be read, a key is unknown or missing, a value has the wrong shape or sign, or an
-                inequality does not hold.
+            FlatsatError: the file cannot be read, a key is unknown or missing, a value has the wrong shape or sign, or
+                an inequality does not hold.
         """
         try:
             text = Path(path).read_text(encoding="utf-8")
@@ -186,17 +184,17 @@ class Certificate:
         """
         self.verify()
         target = Path(path)
-        text = _HEADER + yaml.safe_dump(self.to_document(), sort_keys=False, default_flow_style=None, width=120)
         temporary = None
         try:
+            text = _HEADER + yaml.safe_dump(self.to_document(), sort_keys=False, default_flow_style=None, width=120)
             with tempfile.NamedTemporaryFile(
                 "w", encoding="utf-8", dir=target.parent, prefix=target.name, suffix=".part", delete=False
             ) as stream:
                 temporary = stream.name
                 stream.write(text)
-            os.chmod(temporary, 0o644)
-            os.replace(temporary, target)
-        except OSError as error:
+            Path(temporary).chmod(0o644)
+            Path(temporary).replace(target)
+        except (OSError, yaml.YAMLError) as error:
             if temporary is not None:
                 Path(temporary).unlink(missing_ok=True)
             raise FlatsatError(f"certificate {os.fspath(path)!r} cannot be written: {error}") from error
@@ -218,9 +216,12 @@ def _section(name: str, value: object, keys: tuple[str, ...]) -> dict[str, Any]:
 def _matrix(name: str, value: object, size: int) -> FloatArray:
     """Return a finite symmetric (size, size) float array."""
     try:
-        matrix = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise FlatsatError(f"{name}: must be a {size}x{size} matrix of numbers, not {value!r}") from error
+        matrix = np.array(value)
+    except ValueError:  # rows of different lengths
+        matrix = np.array(None)
+    if matrix.dtype.kind not in "fi":
+        raise FlatsatError(f"{name}: must be a {size}x{size} matrix of numbers, not {value!r}")
+    matrix = matrix.astype(np.float64)
     if matrix.shape != (size, size):
         raise FlatsatError(f"{name} has shape {matrix.shape}: must be ({size}, {size})")
     if not np.isfinite(matrix).all():

@@ -78,7 +78,7 @@ class Controller:
             The next memory and the output.
 
         Raises:
-            FlatsatError: a shape is wrong, an entry is not finite, or a reference acceleration is outside the input set.
+            FlatsatError: a shape is wrong, an entry is not finite, or a reference acceleration leaves the input set.
         """
         limits = self.certificate.limits
         reference = np.asarray(reference, dtype=np.float64)

@@ -4,9 +4,9 @@ Per axis a Kalman filter of the double integrator with a constant disturbance, s
 
     pdot' = a(t) + d + white noise,  d' = white noise,  measured: p + noise
 
-where a(t) is the known commanded acceleration. The three axes of a drone share one covariance. A measurement is taken in
-when it arrives, in plain floats: for one drone that is twenty times faster than arrays of length three. What real motion
-capture does wrong is either survived or counted as rejected.
+where a(t) is the known commanded acceleration. The three axes of a drone share one covariance. A measurement is taken
+in when it arrives, in plain floats: for one drone that is twenty times faster than arrays of length three. What real
+motion capture does wrong is either survived or counted as rejected.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Estimator:
             index: which drone.
             stamp: when it was measured, s.
             position: (3,) m, world frame.
-            quaternion: (4,) x, y, z, w, body -> world. An invalid one (NaN, not of unit length) leaves the yaw as it is.
+            quaternion: (4,) x, y, z, w, body -> world. One that is NaN or not of unit length leaves the yaw as it is.
             now: when it arrived, s.
 
         Returns:

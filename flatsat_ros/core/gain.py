@@ -74,11 +74,13 @@ def settling_time_bound(lyapunov_0: float, threshold: float, rate: float) -> flo
     return max(0.0, math.log(max(lyapunov_0, threshold) / threshold)) / require_positive("rate (alpha)", rate, "1/s")
 
 
-def continuous_gain_bound(gain_0: float, adaptation_rate: float, lyapunov_0: float, threshold: float, rate: float) -> float:
+def continuous_gain_bound(
+    gain_0: float, adaptation_rate: float, lyapunov_0: float, threshold: float, rate: float
+) -> float:
     """Return a bound of gamma for all time under the continuous law, from V(0) in the invariant set.
 
-    gamma_0 + mu [ (V(0)/alpha)(1 - exp(-alpha t_inf)) - V_inf t_inf ]: the paper's eq. 21 with the sign of its V_inf term
-    corrected.
+    gamma_0 + mu [ (V(0)/alpha)(1 - exp(-alpha t_inf)) - V_inf t_inf ]: the paper's eq. 21 with the sign of its V_inf
+    term corrected.
     """
     settling = settling_time_bound(lyapunov_0, threshold, rate)
     area = lyapunov_0 / rate * -math.expm1(-rate * settling) - threshold * settling
@@ -88,7 +90,7 @@ def continuous_gain_bound(gain_0: float, adaptation_rate: float, lyapunov_0: flo
 def sampled_gain_bound(
     gain_0: float, adaptation_rate: float, lyapunov_0: float, threshold: float, block: ArrayLike, period: float
 ) -> float:
-    """Return a bound of gamma for all time under the sampled law (zero-order hold, forward Euler), inf if there is none.
+    """Return a bound of gamma for all time under the sampled law (zero-order hold, forward Euler), inf without one.
 
     While gamma <= G every step contracts V at least by q(G), the worst over applied gains in [1, G], so
     gamma <= gamma_0 + mu h sum_j max(0, q^j V(0) - V_inf) as long as that sum stays below G. The smallest such G found

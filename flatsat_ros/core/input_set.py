@@ -202,8 +202,8 @@ class InputSet:
         """Half-widths (3,), m/s^2, of the largest-volume box |v_i| <= vbar_i in V_c with vbar_1 = vbar_2.
 
         Of height z it is bounded by the cone at its lower corners, s <= tan(eps)(g - z), and by the sphere at its upper
-        corners, s^2 <= T^2 - (g + z)^2, with s = sqrt(2) vbar_1. Both volumes s^2 z are log-concave in z, so the largest
-        lies at the maximum of one of them, where the bounds cross, or at the T_min bound.
+        corners, s^2 <= T^2 - (g + z)^2, with s = sqrt(2) vbar_1. Both volumes s^2 z are log-concave in z, so the
+        largest lies at the maximum of one of them, where the bounds cross, or at the T_min bound.
         """
         g, limit, slope = self.gravity, self.thrust_max, math.tan(self.tilt_max)
 
@@ -221,7 +221,7 @@ class InputSet:
 
 
 def _scaled(v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Split v into its largest absolute entry and the entries divided by it, so that squares cannot over- or underflow."""
+    """Split v into its largest absolute entry and the entries divided by it: their squares cannot over- or underflow."""
     scale = np.abs(v).max(axis=-1)
     divisor = np.where(scale > 0.0, scale, 1.0)
     return scale, v[..., 0] / divisor, v[..., 1] / divisor, v[..., 2] / divisor
@@ -230,8 +230,8 @@ def _scaled(v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArr
 def _reciprocal_root(a: FloatArray, b: FloatArray, c: FloatArray, discriminant: FloatArray) -> FloatArray:
     """Return 1/l for the smallest l > 0 with a l^2 + 2 b l - c = 0, c >= 0; 0 where there is none.
 
-    With D the root of the discriminant b^2 + a c, the two forms (b + D)/c and a/(D - b) are equal; each is used where it
-    does not cancel. c = 0 is a base on the boundary: the exit is immediate unless the direction points inward (b < 0)
+    With D the root of the discriminant b^2 + a c, the two forms (b + D)/c and a/(D - b) are equal; each is used where
+    it does not cancel. c = 0 is a base on the boundary: the exit is immediate unless the direction points inward (b < 0)
     or along a ruling (a <= 0 = b).
     """
     root = np.sqrt(discriminant)

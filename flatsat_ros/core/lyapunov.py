@@ -7,6 +7,7 @@ with the 3x3 identity.
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -31,7 +32,7 @@ def require_positive(name: str, value: float, unit: str) -> float:
 def closed_form_block(rate: float) -> FloatArray:
     """Return the block P(alpha) for which the nominal condition Q A' + A Q - 2 B B' + alpha Q <= 0 is tight.
 
-    P = [[alpha^3/2, alpha^2/2], [alpha^2/2, alpha]]; along the closed loop V' = -alpha V + 2 (1 - k) |B'P xi|^2 exactly.
+    P = [[alpha^3/2, alpha^2/2], [alpha^2/2, alpha]]; along the loop V' = -alpha V + 2 (1 - k) |B'P xi|^2 exactly.
 
     Args:
         rate: alpha, 1/s.
@@ -47,7 +48,7 @@ def closed_form_block(rate: float) -> FloatArray:
 
 
 def decay_residual(block: FloatArray, rate: float) -> float:
-    """Return the largest eigenvalue of A'P + P A - 2 P B B'P + alpha P, relative to alpha P: at most 0 if V' <= -alpha V.
+    """Return the largest eigenvalue of A'P + P A - 2 P B B'P + alpha P, relative to alpha P; V' <= -alpha V if <= 0.
 
     This is the paper's condition Q A' + A Q - 2 B B' <= -alpha Q, multiplied by P from both sides.
     """
@@ -92,7 +93,7 @@ def hold_growth(block: FloatArray, period: float, gain: float) -> float:
     edges = np.linspace(0.0, 1.0, _PIECES + 1)
     return max(
         _largest_relative_eigenvalue(coefficient, block)
-        for start, end in zip(edges[:-1], edges[1:], strict=True)
+        for start, end in itertools.pairwise(edges)
         for coefficient in bernstein_coefficients(powers, float(start), float(end))
     )
 
@@ -116,10 +117,7 @@ def bernstein_coefficients(powers: FloatArray, start: float, end: float) -> Floa
         for j in range(degree + 1)
     ]
     return np.array(
-        [
-            sum(math.comb(i, j) / math.comb(degree, j) * shifted[j] for j in range(i + 1))
-            for i in range(degree + 1)
-        ]
+        [sum(math.comb(i, j) / math.comb(degree, j) * shifted[j] for j in range(i + 1)) for i in range(degree + 1)]
     )
 
 

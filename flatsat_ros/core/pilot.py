@@ -1,4 +1,4 @@
-"""One tick of N drones: estimate, reference, law, flight mode, command. The node and the simulation run this same code."""
+"""One tick of N drones: estimate, reference, law, flight mode, command. Node and simulation run this same code."""
 
 from __future__ import annotations
 

@@ -6,6 +6,7 @@ that meets all three at both ends, so a B-spline of degree 5 sampled at its knot
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -92,7 +93,7 @@ class Trajectory:
         return Trajectory(self.times + offset, self.coefficients, self.yaw)
 
     def segment(self, t: float) -> tuple[FloatArray, float, float]:
-        """Return the segment active at t: coefficients (6, 3), their time origin, and the time until which it serves."""
+        """Return the segment active at t: coefficients (6, 3), their time origin, and the time until which it lasts."""
         if t < self.times[0]:
             return _at_rest(self.coefficients[0, 0])[0], float(self.times[0]), float(self.times[0])
         if self.times.size == 1 or t >= self.times[-1]:
@@ -110,10 +111,10 @@ class Trajectory:
     def sample(self, t: float) -> FloatArray:
         """Return position, velocity and acceleration (9,) at t; before the start and after the end it rests."""
         coefficients, origin, _ = self.segment(t)
-        return evaluate(coefficients[np.newaxis], np.array([t - origin]))[0]
+        return np.asarray(evaluate(coefficients[np.newaxis], np.array([t - origin]))[0])
 
     def margin(self, limits: InputSet) -> tuple[float, float]:
-        """Return a lower bound of the acceleration's distance to the boundary of the input set, and where it is reached.
+        """Return a lower bound of the acceleration's distance to the boundary of the input set, and where it is.
 
         The acceleration of each piece lies in the convex hull of its Bernstein control points and the distance is a
         concave function, so the smallest over the control points is a bound for all times.
@@ -127,14 +128,14 @@ class Trajectory:
         scale = np.array([2.0, 6.0, 12.0, 20.0]).reshape(4, 1)
         for start, span, c in zip(self.times, np.diff(self.times), self.coefficients, strict=False):
             powers = c[2:] * scale * np.power(span, np.arange(4.0)).reshape(4, 1)
-            for left, right in zip(edges[:-1], edges[1:], strict=True):
+            for left, right in itertools.pairwise(edges):
                 margin = float(limits.margin(bernstein_coefficients(powers, float(left), float(right))).min())
                 if margin < smallest:
                     smallest, when = margin, float(start + left * span)
         return smallest, when
 
     def require_margin(self, limits: InputSet) -> None:
-        """Refuse a path whose acceleration may reach the boundary of the input set: no authority would be left to steer.
+        """Refuse a path whose acceleration may reach the boundary of the input set: nothing would be left to steer.
 
         Raises:
             FlatsatError: names the time and by how much.
@@ -142,7 +143,7 @@ class Trajectory:
         margin, when = self.margin(limits)
         if margin <= 0.0:
             raise FlatsatError(
-                f"the reference's acceleration comes within {margin:.4g} m/s^2 of the input limits at t = {when:.4g} s: "
+                f"the reference's acceleration is within {margin:.4g} m/s^2 of the input limits at t = {when:.4g} s: "
                 "the margin must be above 0; fly it slower"
             )
 

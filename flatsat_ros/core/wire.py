@@ -1,8 +1,8 @@
 """From SI set-points to what the Crazyflie's radio link carries, and back: signs, degrees, PWM, clamps.
 
 The contract is crazyswarm2's `cmd_vel_legacy`: roll and pitch in degrees, yaw rate in degrees per second positive
-CLOCKWISE, thrust as PWM from 0 to pwm_max. Its two back ends disagree on the sign of the pitch: cpp takes ours, cflib the
-opposite.
+CLOCKWISE, thrust as PWM from 0 to pwm_max. Its two back ends disagree on the sign of the pitch: cpp takes ours, cflib
+the opposite.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.vehicle import VehicleProfile
-
 
 # sign of the pitch by crazyswarm2 back end
 PITCH_SIGN = {"cpp": 1.0, "cflib": -1.0}

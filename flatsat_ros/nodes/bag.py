@@ -87,7 +87,7 @@ def write_bag(folder: Path, recorded: Sequence[Recorded]) -> None:
         with Writer(partial, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
             connections = {
                 topic: writer.add_connection(topic, kind, typestore=typestore)
-                for topic, kind in dict((entry.topic, entry.kind) for entry in recorded).items()
+                for topic, kind in {entry.topic: entry.kind for entry in recorded}.items()
             }
             for entry in recorded:
                 writer.write(connections[entry.topic], entry.time, entry.data)

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
+import numpy as np
+import rclpy
 from geometry_msgs.msg import PoseStamped
+from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
+from rclpy.signals import SignalHandlerOptions
 
+from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.core.wire import input_from_setpoint
@@ -25,16 +31,17 @@ class Conductor(Node):  # type: ignore[misc]
         recorded: all messages so far, in order of arrival.
     """
 
-    def __init__(self, robots: Sequence[str], namespace: str) -> None:
-        """Connect to the topics of the robots below the namespace."""
+    def __init__(self, robots: Sequence[str], namespace: str, executor: EventsExecutor) -> None:
+        """Connect to the topics of the robots below the namespace; messages come in through the executor."""
         super().__init__("flatsat_demo", namespace=namespace)
         self._robots = list(robots)
+        self._executor = executor
         self.recorded: list[Recorded] = []
         self._heard: set[str] = set()
-        self._goals = [self.create_publisher(interfaces.GOAL.kind, interfaces.GOAL.of(r), interfaces.GOAL.publish) for r in robots]
+        goal, trajectory = interfaces.GOAL, interfaces.TRAJECTORY
+        self._goals = [self.create_publisher(goal.kind, goal.of(robot), goal.publish) for robot in robots]
         self._trajectories = [
-            self.create_publisher(interfaces.TRAJECTORY.kind, interfaces.TRAJECTORY.of(r), interfaces.TRAJECTORY.publish)
-            for r in robots
+            self.create_publisher(trajectory.kind, trajectory.of(robot), trajectory.publish) for robot in robots
         ]
         for robot in robots:
             for topic in _RECORDED:
@@ -42,8 +49,8 @@ class Conductor(Node):  # type: ignore[misc]
 
     def _record(self, topic: Topic, robot: str) -> None:
         name = topic.of(robot)
-        package, _, kind = topic.kind.__module__.split(".")[0], "msg", topic.kind.__name__
-        full_name, full_kind = f"{self.get_namespace()}/{name}", f"{package}/msg/{kind}"
+        full_name = f"{self.get_namespace()}/{name}"
+        full_kind = f"{topic.kind.__module__.split('.')[0]}/msg/{topic.kind.__name__}"
 
         def keep(data: bytes) -> None:
             self.recorded.append(Recorded(self.now(), full_name, full_kind, data))
@@ -91,37 +98,54 @@ class Conductor(Node):  # type: ignore[misc]
         """Send a trajectory whose times count from start, ns."""
         self._trajectories[index].publish(messages.message_from_trajectory(trajectory, start))
 
+    def spin(self, seconds: float) -> None:
+        """Let messages come in for at least the given time."""
+        end = self.now() + round(seconds * messages.NANOSECONDS)
+        while self.now() < end:
+            self._executor.spin_once(timeout_sec=seconds)
 
-def poses_of(recorded: Sequence[Recorded], topic: str, origin: int) -> list[list[float]]:
-    """Return [stamp s after origin, x, y, z] of each recorded pose of a topic."""
-    rows = []
-    for entry in recorded:
-        if entry.topic == topic:
-            stamp, position, _ = messages.pose_from_cdr(entry.data)
-            rows.append([(stamp - origin) / messages.NANOSECONDS, *position])
-    return rows
+    def seconds(self, nanoseconds: int) -> float:
+        """Return a time as seconds after the first recorded message."""
+        return (nanoseconds - self.recorded[0].time) / messages.NANOSECONDS
 
+    def poses(self, robot: str) -> FloatArray:
+        """Return the recorded poses of a robot, (n, 4): stamp s, x, y, z m."""
+        read = [(messages.pose_from_cdr(entry.data)) for entry in self._of(interfaces.POSE, robot)]
+        return np.array([[self.seconds(stamp), *position] for stamp, position, _ in read])
 
-def ticks_of(recorded: Sequence[Recorded], topic: str, origin: int) -> list[list[float]]:
-    """Return [arrival s after origin, telemetry...] of each recorded telemetry message of a topic."""
-    kind = interfaces.TELEMETRY.kind
-    return [
-        [(entry.time - origin) / messages.NANOSECONDS, *deserialize_message(entry.data, kind).data]
-        for entry in recorded
-        if entry.topic == topic
-    ]
+    def ticks(self, robot: str) -> FloatArray:
+        """Return the recorded telemetry of a robot, (n, 1 + fields): arrival s, row."""
+        topic = interfaces.TELEMETRY
+        return np.array(
+            [[self.seconds(e.time), *deserialize_message(e.data, topic.kind).data] for e in self._of(topic, robot)]
+        )
 
-
-def commands_of(
-    recorded: Sequence[Recorded], topic: str, origin: int, vehicle: VehicleProfile
-) -> list[list[float]]:
-    """Return [arrival s after origin, T, phi, theta, yaw rate] of each recorded command of a topic."""
-    kind = interfaces.COMMAND.kind
-    return [
-        [
-            (entry.time - origin) / messages.NANOSECONDS,
-            *input_from_setpoint(messages.command_from_message(deserialize_message(entry.data, kind)), vehicle),
+    def commands(self, robot: str, vehicle: VehicleProfile) -> FloatArray:
+        """Return the recorded commands of a robot, (n, 5): arrival s, T m/s^2, phi, theta rad, yaw rate rad/s."""
+        topic = interfaces.COMMAND
+        read = [
+            (e.time, messages.command_from_message(deserialize_message(e.data, topic.kind)))
+            for e in self._of(topic, robot)
         ]
-        for entry in recorded
-        if entry.topic == topic
-    ]
+        return np.array([[self.seconds(when), *input_from_setpoint(setpoint, vehicle)] for when, setpoint in read])
+
+    def _of(self, topic: Topic, robot: str) -> list[Recorded]:
+        name = f"{self.get_namespace()}/{topic.of(robot)}"
+        return [entry for entry in self.recorded if entry.topic == name]
+
+
+@contextmanager
+def conducting(robots: Sequence[str], namespace: str) -> Iterator[Conductor]:
+    """Run a conductor in this process; interrupts stay Python's."""
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    executor = EventsExecutor()
+    try:
+        conductor = Conductor(robots, namespace, executor)
+        executor.add_node(conductor)
+        try:
+            yield conductor
+        finally:
+            conductor.destroy_node()
+    finally:
+        executor.shutdown()
+        rclpy.try_shutdown()

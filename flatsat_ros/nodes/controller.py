@@ -43,6 +43,14 @@ _TUNING = (
     ("gamma_max", "cap of the gain, at most the certificate's; 0 takes the certificate's", "", 0.0, (0.0, 1e6)),
 )
 
+# the figures of the flight modes that a lab may want otherwise
+_POLICY = (
+    ("pose_timeout", "age above which a pose is stale", "s", (0.01, 10.0)),
+    ("level_time", "level descent without poses before the motors are cut", "s", (0.1, 60.0)),
+    ("unlock_time", "zero thrust before take-off, which opens the thrust lock", "s", (0.01, 10.0)),
+    ("ground_height", "a drone below this height stands on the ground", "m", (-1000.0, 1000.0)),
+)
+
 
 class ControllerNode(Node):  # type: ignore[misc]
     """ROS shell of `Pilot`."""
@@ -50,38 +58,29 @@ class ControllerNode(Node):  # type: ignore[misc]
     def __init__(self) -> None:
         """Read the parameters, load the certificate and the vehicle, start the tick."""
         super().__init__(interfaces.CONTROLLER_NODE)
-        self.robots = robot_names(declare(self, "robot_names", ["cf1"], "names of the drones, the prefix of their topics"))
-        self._certificate = Certificate.load(
-            config_path(declare(self, "certificate", "paper_experiment", "certificate: packaged name or path of a YAML file"))
+        names = declare(self, "robot_names", ["cf1"], "names of the drones, the prefix of their topics")
+        self.robots = robot_names(names)
+        kind = "packaged name or path of a YAML file"
+        certificate = declare(self, "certificate", "paper_experiment", f"certificate: {kind}")
+        self._certificate = Certificate.load(config_path(certificate))
+        vehicle = declare(self, "vehicle", "cf21", f"vehicle profile: {kind}")
+        self._vehicle = VehicleProfile.load(config_path(vehicle, "vehicles"))
+        self._backend = declare(
+            self, "backend", "cpp", "crazyswarm2 back end, gives the sign of the pitch: cpp or cflib"
         )
-        self._vehicle = VehicleProfile.load(
-            config_path(declare(self, "vehicle", "cf21", "vehicle profile: packaged name or path of a YAML file"), "vehicles")
-        )
-        self._backend = declare(self, "backend", "cpp", "crazyswarm2 back end, decides the sign of the pitch: cpp or cflib")
         if self._backend not in PITCH_SIGN:
             raise FlatsatError(f"parameter backend = {self._backend!r}: must be one of {', '.join(PITCH_SIGN)}")
         if self._certificate.limits.thrust_max > self._vehicle.thrust_max:
+            allowed = self._certificate.limits.thrust_max
             raise FlatsatError(
-                f"certificate {self._certificate.name!r} allows a thrust of {self._certificate.limits.thrust_max:.4f} m/s^2, "
-                f"but vehicle {self._vehicle.name!r} lifts {self._vehicle.thrust_max:.4f} m/s^2: "
+                f"certificate {self._certificate.name!r} allows a thrust of {allowed:.4f} m/s^2, but "
+                f"vehicle {self._vehicle.name!r} lifts {self._vehicle.thrust_max:.4f} m/s^2: "
                 "synthesize one with thrust_max at most that"
             )
-        policy = Policy(
-            pose_timeout=declare(
-                self, "pose_timeout", Policy.pose_timeout, "age above which a pose is stale", unit="s", bounds=(0.01, 10.0)
-            ),
-            level_time=declare(
-                self, "level_time", Policy.level_time, "level descent without poses before the motors are cut",
-                unit="s", bounds=(0.1, 60.0),
-            ),
-            unlock_time=declare(
-                self, "unlock_time", Policy.unlock_time, "zero thrust before take-off", unit="s", bounds=(0.01, 10.0)
-            ),
-            ground_height=declare(
-                self, "ground_height", Policy.ground_height, "a drone below this height stands on the ground",
-                unit="m", bounds=(-1000.0, 1000.0),
-            ),
-        )  # fmt: skip
+        policy = Policy(**{
+            name: declare(self, name, getattr(Policy, name), meaning, unit=unit, bounds=bounds)
+            for name, meaning, unit, bounds in _POLICY
+        })  # fmt: skip
         for name, meaning, unit, default, valid in _TUNING:
             declare(self, name, default, meaning, unit=unit, bounds=valid, changeable=True)
             for robot in self.robots:
@@ -120,6 +119,7 @@ class ControllerNode(Node):  # type: ignore[misc]
 
     def _connect(self, index: int, robot: str) -> None:
         pose, goal, trajectory = interfaces.POSE, interfaces.GOAL, interfaces.TRAJECTORY
+        command, report = interfaces.COMMAND, interfaces.TELEMETRY
         self.create_subscription(
             pose.kind, pose.of(robot), lambda data: self._on_pose(index, data), pose.subscribe, raw=True
         )
@@ -127,12 +127,8 @@ class ControllerNode(Node):  # type: ignore[misc]
         self.create_subscription(
             trajectory.kind, trajectory.of(robot), lambda m: self._on_trajectory(index, m), trajectory.subscribe
         )
-        self._command_publishers.append(
-            self.create_publisher(interfaces.COMMAND.kind, interfaces.COMMAND.of(robot), interfaces.COMMAND.publish)
-        )
-        self._telemetry_publishers.append(
-            self.create_publisher(interfaces.TELEMETRY.kind, interfaces.TELEMETRY.of(robot), interfaces.TELEMETRY.publish)
-        )
+        self._command_publishers.append(self.create_publisher(command.kind, command.of(robot), command.publish))
+        self._telemetry_publishers.append(self.create_publisher(report.kind, report.of(robot), report.publish))
 
     def _seconds(self, nanoseconds: int) -> float:
         """Return a clock reading as seconds since the node's start: small enough to keep nanoseconds in a float."""

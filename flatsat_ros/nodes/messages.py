@@ -144,7 +144,9 @@ def message_from_trajectory(trajectory: Trajectory, start: int) -> MultiDOFJoint
         nanoseconds = round(float(t) * NANOSECONDS)
         message.points.append(
             MultiDOFJointTrajectoryPoint(
-                transforms=[Transform(translation=_message_vector(sample[:3]), rotation=quaternion_from_yaw(trajectory.yaw))],
+                transforms=[
+                    Transform(translation=_message_vector(sample[:3]), rotation=quaternion_from_yaw(trajectory.yaw))
+                ],
                 velocities=[Twist(linear=_message_vector(sample[3:6]))],
                 accelerations=[Twist(linear=_message_vector(sample[6:]))],
                 time_from_start=Duration(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS),
@@ -165,7 +167,9 @@ def fill_telemetry(message: Float64MultiArray, row: FloatArray) -> None:
     message.data = array.array("d", row.tobytes())
 
 
-def diagnostic_status(name: str, hardware: str, level: bytes, text: str, values: Mapping[str, object]) -> DiagnosticStatus:
+def diagnostic_status(
+    name: str, hardware: str, level: bytes, text: str, values: Mapping[str, object]
+) -> DiagnosticStatus:
     """Return one status of /diagnostics."""
     pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
     return DiagnosticStatus(level=level, name=name, message=text, hardware_id=hardware, values=pairs)

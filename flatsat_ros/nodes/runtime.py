@@ -6,7 +6,6 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from types import FrameType
-from typing import Protocol
 
 import rclpy
 from rclpy.experimental import EventsExecutor
@@ -19,18 +18,13 @@ from flatsat_ros.core.errors import FlatsatError
 _PATIENCE = 0.1
 
 
-class FinishingNode(Protocol):
-    """A node that has something left to do when it is told to stop."""
-
-    def finish(self) -> None:
-        """Leave the outside world in a safe state; publishers still work."""
-
-
 def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
     """Run one node until SIGINT, SIGTERM or its own `done` attribute; return the process's exit code.
 
-    rclpy's own signal handlers close the context under the running callbacks, after which nothing can be published; ours
-    only set a flag, so that `finish` can still send the last commands.
+    A node with a `finish` method is asked at the end to leave the world in a safe state; publishers still work then.
+
+    rclpy's own signal handlers close the context under the running callbacks, after which nothing can be published;
+    ours only set a flag, so that `finish` can still send the last commands.
     """
     stopped: list[int] = []
 
@@ -52,8 +46,8 @@ def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -
         while not stopped and not getattr(node, "done", False):
             executor.spin_once(timeout_sec=_PATIENCE)
     finally:
-        if isinstance(finish := getattr(node, "finish", None), Callable):  # type: ignore[arg-type]
-            finish()
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        getattr(node, "finish", lambda: None)()
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()

@@ -1,4 +1,4 @@
-"""A flight without ROS: the pilot and a simulated fleet, tick by tick on simulated time, as fast as the machine allows."""
+"""A flight without ROS: pilot and simulated fleet, tick by tick on simulated time, as fast as the machine allows."""
 
 from __future__ import annotations
 

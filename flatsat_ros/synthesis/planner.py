@@ -35,7 +35,7 @@ def spline_through(waypoints: ArrayLike, leg_time: float, yaw: float = 0.0) -> T
     at_rest = [(order, np.zeros(3)) for order in (1, 2)]
     spline = make_interp_spline(times, points, k=_DEGREE, bc_type=(at_rest, at_rest))
     knots = np.unique(spline.t)
-    values = [spline.derivative(order)(knots) if order else spline(knots) for order in (0, 1, 2)]
-    for derivative in values[1:]:
+    velocities, accelerations = (spline.derivative(order)(knots) for order in (1, 2))
+    for derivative in (velocities, accelerations):
         derivative[[0, -1]] = 0.0  # the boundary conditions, without the solver's rounding
-    return Trajectory.through(knots, *values, yaw)
+    return Trajectory.through(knots, spline(knots), velocities, accelerations, yaw)
