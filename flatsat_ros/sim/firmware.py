@@ -188,7 +188,7 @@ class Firmware:
             roll: deg, positive toward -y.
             pitch: deg, positive toward +x (the packet itself carries its negative).
             yaw: deg/s positive clockwise, the legacy sign; with absolute_yaw deg positive counter-clockwise.
-            thrust: 0..65535. Fractions, which the packet cannot carry, are kept: the motors round more coarsely.
+            thrust: 0..65535. Fractions, which the packet drops, are kept: the motors round more coarsely.
             now: ms.
 
         Angles are not checked for NaN, here as there.
@@ -199,7 +199,7 @@ class Firmware:
         require(0.0 <= thrust <= PWM_FULL, "thrust", thrust, f"0 to {PWM_FULL}")
         if not self.powered[index]:
             return
-        if thrust == 0.0:
+        if thrust < 1.0:  # 0 in the packet
             self.thrust_locked[index] = False
         ignored = self.thrust_locked[index] or thrust < THRUST_MIN
         accepted = 0.0 if ignored else min(thrust, self._profile.pwm_max)

@@ -90,6 +90,7 @@ def test_a_falling_drone_reaches_its_terminal_velocity() -> None:
         if step == 500:
             assert_allclose(body.velocity[0, 2], -GRAVITY / CF21.drag_z * -np.expm1(-CF21.drag_z), rtol=1e-12)
     assert_allclose(body.velocity[0], (0.0, 0.0, -GRAVITY / CF21.drag_z), rtol=1e-3, atol=1e-12)
+    assert_allclose(body.specific_force[0], (0.0, 0.0, 1.0), rtol=1e-3, atol=1e-12)  # carried by the air
 
 
 def test_a_hovering_drone_drifts_with_the_wind() -> None:

@@ -68,12 +68,13 @@ def test_thrust_is_locked_from_boot_until_a_packet_with_thrust_zero() -> None:
     assert took_off(fleet)
 
 
-def test_a_small_thrust_does_not_unlock() -> None:
-    """crtp_commander_rpyt.c crtpCommanderRpytDecodeSetpoint: only exactly 0 does."""
+@pytest.mark.parametrize(("sent", "unlocks"), [(0.9, True), (1.0, False), (999.0, False)])
+def test_only_a_thrust_that_is_zero_in_the_packet_unlocks(sent: float, unlocks: bool) -> None:
+    """crtp_commander_rpyt.c crtpCommanderRpytDecodeSetpoint; CommanderCrtpLegacyValues.thrust is a uint16_t."""
     fleet = grounded()
-    stream(fleet, 1.0, 999.0)
-    stream(fleet, 1.0, TAKE_OFF)
-    assert not took_off(fleet)
+    stream(fleet, 0.5, sent)
+    stream(fleet, 0.5, TAKE_OFF)
+    assert took_off(fleet) == unlocks
 
 
 @pytest.mark.parametrize(
