@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from flatsat_ros.core import gain as gain_law
 from flatsat_ros.core.certificate import Certificate
 from flatsat_ros.core.errors import FlatsatError
-from flatsat_ros.core.flatness import FloatArray, input_from_acceleration
+from flatsat_ros.core.flatness import FloatArray, finite_array, input_from_acceleration
 from flatsat_ros.core.gain import Tuning
 
 
@@ -51,8 +51,13 @@ class Controller:
         """Bind a verified certificate and a tuning.
 
         Raises:
-            FlatsatError: the tuning lets gamma grow beyond what the certificate covers.
+            FlatsatError: the tuning lets gamma grow beyond what the certificate covers, or leaks more than all of it
+                in one period.
         """
+        if (tuning.leak * certificate.period > 1.0).any():
+            raise FlatsatError(
+                f"leak (nu) = {tuning.leak.max():.6g} 1/s: must be at most 1/period = {1.0 / certificate.period:.6g} 1/s"
+            )
         if (tuning.gain_max > certificate.gain_max).any():
             raise FlatsatError(
                 f"gain_max = {tuning.gain_max.max():.6g}: must be at most the certificate's {certificate.gain_max:.6g}"
@@ -81,9 +86,9 @@ class Controller:
             FlatsatError: a shape is wrong, an entry is not finite, or a reference acceleration leaves the input set.
         """
         limits = self.certificate.limits
-        reference = np.asarray(reference, dtype=np.float64)
+        reference = finite_array("reference", reference, 9)
         # xi = (p, pdot) - (p_ref, pdot_ref),  V = xi' P xi,  v0 = -B' P xi
-        xi = np.asarray(state, dtype=np.float64) - reference[..., :6]
+        xi = finite_array("state", state, 6) - reference[..., :6]
         gradient = xi @ self._matrix
         lyapunov = np.einsum("...i,...i->...", gradient, xi)
         v0, v_ref = -gradient[..., 3:], reference[..., 6:]

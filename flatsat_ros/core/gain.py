@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.flatness import FloatArray, finite_array
@@ -22,6 +22,9 @@ class Tuning:
         threshold: V_inf > 0; the gain rests while V is at most this.
         gain_initial: gamma_0, in [1, gain_max].
         gain_max: cap of gamma, at least 1; from the certificate.
+        leak: nu >= 0, 1/s; the gain falls back toward 1 at this rate. 0 is the paper's law, whose gain never falls.
+        restart: a new reference that puts V above V_inf starts the adaptation anew from gamma_0; otherwise the gains of
+            repeated set-points add up until the drone limit-cycles.
 
     Raises:
         FlatsatError: a value is out of its range, not finite, or the lengths differ.
@@ -31,18 +34,22 @@ class Tuning:
     threshold: FloatArray
     gain_initial: FloatArray
     gain_max: FloatArray
+    leak: FloatArray = field(default_factory=lambda: np.zeros(1))
+    restart: NDArray[np.bool_] = field(default_factory=lambda: np.ones(1, dtype=bool))
 
     def __post_init__(self) -> None:
-        names = ("adaptation_rate", "threshold", "gain_initial", "gain_max")
+        names = [entry.name for entry in fields(self)]
         arrays = [np.atleast_1d(finite_array(name, getattr(self, name))) for name in names]
         try:
             arrays = [np.array(array) for array in np.broadcast_arrays(*arrays)]
         except ValueError as error:
             raise FlatsatError(f"tuning: {error}; give one value for all drones or one for each") from error
+        arrays[-1] = arrays[-1] != 0.0
         for name, array in zip(names, arrays, strict=True):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
-        mu, v_inf, initial, cap = arrays
+        mu, v_inf, initial, cap, nu, _ = arrays
+        _require(nu >= 0.0, "leak (nu)", nu, "must be at least 0")
         _require(mu >= 0.0, "adaptation_rate (mu)", mu, "must be at least 0")
         _require(v_inf > 0.0, "threshold (V_inf)", v_inf, "must be above 0")
         _require(cap >= 1.0, "gain_max", cap, "must be at least 1")
@@ -60,12 +67,15 @@ def _require(holds: np.ndarray, name: str, values: FloatArray, valid: str) -> No
 
 
 def adapt(gain: FloatArray, lyapunov: FloatArray, tuning: Tuning, period: float) -> FloatArray:
-    """Return the gain one period later: gamma+ = min(gamma + h mu sigma(V), gain_max), sigma(V) = max(V - V_inf, 0).
+    """Return the gain one period later.
 
-    Forward Euler of the paper's eq. 19b with the certificate's cap; the gain never falls.
+    gamma+ = clip(gamma + h [mu sigma(V) - nu (gamma - 1)], 1, gain_max) with sigma(V) = max(V - V_inf, 0): forward
+    Euler of the paper's eq. 19b, with the certificate's cap and a leak. Everything proved about the sets needs only a
+    gain within [1, gain_max], so it holds for any of these.
     """
     excess = np.maximum(lyapunov - tuning.threshold, 0.0)
-    return np.minimum(gain + period * tuning.adaptation_rate * excess, tuning.gain_max)
+    slope = tuning.adaptation_rate * excess - tuning.leak * (gain - 1.0)
+    return np.minimum(np.maximum(gain + period * slope, 1.0), tuning.gain_max)
 
 
 def settling_time_bound(lyapunov_0: float, threshold: float, rate: float) -> float:

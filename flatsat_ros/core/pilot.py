@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from time import perf_counter
 
 import numpy as np
@@ -59,7 +59,8 @@ class Pilot:
         self.mode = np.full(count, Mode.IDLE)
         self._references = References(count)
         self._since = np.full(count, -np.inf)
-        self._requested = np.zeros(count, dtype=bool)
+        self._requested = np.zeros(count, dtype=bool)  # a reference was given since the motors were last cut
+        self._referred = np.zeros(count, dtype=bool)  # a reference was given since the last tick in flight
         self._last_tick = -np.inf
         self._level = np.array([policy.level_thrust * certificate.limits.gravity, 0.0, 0.0])
         self._controller = Controller(certificate, _spread(tuning, count))
@@ -79,7 +80,7 @@ class Pilot:
         """
         trajectory.require_margin(self.certificate.limits)
         self._references.assign(index, trajectory)
-        self._requested[index] = True
+        self._requested[index] = self._referred[index] = True
 
     def measure(
         self, index: int, stamp: float, position: Sequence[float], quaternion: Sequence[float], now: float
@@ -100,6 +101,12 @@ class Pilot:
         reference = self._references.sample(now)
         memory, output = self._controller.step(self.memory, state, self.estimator.yaw, reference)
         flying = self.mode == Mode.FLY
+        tuning = self._controller.tuning
+        anew = self._referred & flying & tuning.restart & (output.lyapunov > tuning.threshold)
+        if anew.any():
+            self.memory = Memory(np.where(anew, tuning.gain_initial, self.memory.gain))
+            memory, output = self._controller.step(self.memory, state, self.estimator.yaw, reference)
+        self._referred &= ~flying
         self.memory = Memory(np.where(flying, memory.gain, self.memory.gain))
 
         error = self._references.yaw - self.estimator.yaw
@@ -142,5 +149,4 @@ class Pilot:
 
 def _spread(tuning: Tuning, count: int) -> Tuning:
     """Return the tuning with one entry a drone."""
-    columns = (tuning.adaptation_rate, tuning.threshold, tuning.gain_initial, tuning.gain_max)
-    return Tuning(*(np.broadcast_to(column, (count,)) for column in columns))
+    return Tuning(*(np.broadcast_to(getattr(tuning, entry.name), (count,)) for entry in fields(tuning)))

@@ -20,6 +20,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 from flatsat_ros._resources import config_path
 from flatsat_ros.core import telemetry
 from flatsat_ros.core.certificate import Certificate
+from flatsat_ros.core.controller import Controller
 from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.gain import Tuning
@@ -41,6 +42,7 @@ _TUNING = (
     ("v_inf", "threshold V_inf below which the gain rests", "", 0.05, (1e-9, 1e9)),
     ("gamma_0", "gain gamma_0 at take-off", "", 1.0, (1.0, 1e6)),
     ("gamma_max", "cap of the gain, at most the certificate's; 0 takes the certificate's", "", 0.0, (0.0, 1e6)),
+    ("nu", "leak of the gain toward 1, at most 1/period; 0 is the paper's law", "1/s", 0.0, (0.0, 1e3)),
 )
 
 # the figures of the flight modes that a lab may want otherwise
@@ -85,6 +87,7 @@ class ControllerNode(Node):  # type: ignore[misc]
             declare(self, name, default, meaning, unit=unit, bounds=valid, changeable=True)
             for robot in self.robots:
                 declare_override(self, f"robots.{robot}.{name}", meaning, unit)
+        declare(self, "restart_gain", True, "a far new reference restarts the gain at gamma_0", changeable=True)
         self._pilot = Pilot(self._certificate, self._tuning_with({}), policy, len(self.robots))
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._take_parameters)
@@ -187,11 +190,12 @@ class ControllerNode(Node):  # type: ignore[misc]
             common = value(name)
             own = [value(f"robots.{robot}.{name}") for robot in self.robots]
             columns.append(np.array([common if entry is None else entry for entry in own], dtype=float))
-        cap = self._certificate.gain_max
-        columns[-1] = np.where(columns[-1] == 0.0, cap, columns[-1])
-        if (columns[-1] > cap).any():
-            raise FlatsatError(f"gamma_max = {columns[-1].max():.6g}: must be at most the certificate's {cap:.6g}")
-        return Tuning(*columns)
+        mu, v_inf, initial, cap, nu = columns
+        cap = np.where(cap == 0.0, self._certificate.gain_max, cap)
+        restart = changed.get("restart_gain", self.get_parameter("restart_gain").value)
+        tuning = Tuning(mu, v_inf, initial, cap, nu, restart)
+        Controller(self._certificate, tuning)
+        return tuning
 
     def _check_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         try:
