@@ -138,38 +138,36 @@ class InputSet:
         """
         base = finite_array("base", base, 3)
         v = finite_array("v", v, 3)
-        outside = self.margin(base) < -_ROUNDING * self.thrust_max
-        if outside.any():
-            worst = base.reshape(-1, 3)[int(np.argmin(self.margin(base).ravel()))]
-            raise FlatsatError(
-                f"base = {worst.tolist()} m/s^2 lies outside the input set by {-float(self.margin(worst)):.6g} m/s^2: "
-                "it must be inside"
-            )
-        return self._exit_of_finite(base, v)
-
-    def _exit_of_finite(self, base: FloatArray, v: FloatArray) -> FloatArray:
-        g, limit = self.gravity, self.thrust_max
-        scale, v1, v2, v3 = _scaled(v)
-        p1, p2, up = base[..., 0], base[..., 1], base[..., 2] + g
-        horizontal = v1 * v1 + v2 * v2
-        along = p1 * v1 + p2 * v2
+        p1, p2, up = base[..., 0], base[..., 1], base[..., 2] + self.gravity
         radius = np.hypot(p1, p2)
         thrust = np.hypot(radius, up)
+        margin = self._distance(radius, up, thrust)
+        if (margin < -_ROUNDING * self.thrust_max).any():
+            worst = base.reshape(-1, 3)[int(np.argmin(margin))]
+            raise FlatsatError(
+                f"base = {worst.tolist()} m/s^2 lies outside the input set by {-float(margin.min()):.6g} m/s^2: "
+                "it must be inside"
+            )
+        scale, v1, v2, v3 = _scaled(v)
         slope = math.tan(self.tilt_max)
-        reach = slope * up
-
-        a, b, c = horizontal + v3 * v3, along + up * v3, np.maximum((limit - thrust) * (limit + thrust), 0.0)
-        sphere = _reciprocal_root(a, b, c, b * b + a * c)
-
-        a, b = horizontal - slope * slope * v3 * v3, along - slope * reach * v3
-        c = np.maximum((reach - radius) * (reach + radius), 0.0)
-        # b^2 + a c with its equal terms cancelled by hand
-        turn, m1, m2 = p1 * v2 - p2 * v1, up * v1 - v3 * p1, up * v2 - v3 * p2
-        cone = _reciprocal_root(a, b, c, np.maximum(slope * slope * (m1 * m1 + m2 * m2) - turn * turn, 0.0))
+        reach, rise = slope * up, slope * v3
+        horizontal = v1 * v1 + v2 * v2
+        along = p1 * v1 + p2 * v2
 
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            a, b = horizontal + v3 * v3, along + up * v3
+            c = np.maximum(self.thrust_max - thrust, 0.0) * (self.thrust_max + thrust)
+            sphere = _reciprocal_root(a, b, c, b * b + a * c)
+
+            # b^2 + a c with its equal terms cancelled by hand
+            turn, m1, m2 = p1 * v2 - p2 * v1, reach * v1 - rise * p1, reach * v2 - rise * p2
+            c = np.maximum(reach - radius, 0.0) * (reach + radius)
+            discriminant = np.maximum(m1 * m1 + m2 * m2 - turn * turn, 0.0)
+            cone = _reciprocal_root(horizontal - rise * rise, along - reach * rise, c, discriminant)
+
             floor = np.where(v3 < 0.0, -v3 / np.maximum(up - self.thrust_min, 0.0), 0.0)
-            return np.asarray(1.0 / (np.maximum(np.maximum(sphere, cone), floor) * scale))
+            # fmax: NaN, no exit, counts as 0
+            return np.asarray(1.0 / (np.fmax(np.fmax(sphere, cone), floor) * scale))
 
     def margin(self, v: ArrayLike) -> FloatArray:
         """Return the distance from v to the boundary of V_c, the radius of the largest ball around v inside V_c.
@@ -187,8 +185,12 @@ class InputSet:
         """
         v = finite_array("v", v, 3)
         radius, up = np.hypot(v[..., 0], v[..., 1]), v[..., 2] + self.gravity
+        return self._distance(radius, up, np.hypot(radius, up))
+
+    def _distance(self, radius: FloatArray, up: FloatArray, thrust: FloatArray) -> FloatArray:
+        """Return the margin of v, given |(v1, v2)|, v3 + g and |v + g e3|."""
         cone = up * math.sin(self.tilt_max) - radius * math.cos(self.tilt_max)
-        return np.asarray(np.minimum(np.minimum(cone, self.thrust_max - np.hypot(radius, up)), up - self.thrust_min))
+        return np.asarray(np.minimum(np.minimum(cone, self.thrust_max - thrust), up - self.thrust_min))
 
     @property
     def inner_radius(self) -> float:
@@ -221,21 +223,19 @@ class InputSet:
 
 
 def _scaled(v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Split v into its largest absolute entry and the entries divided by it: their squares cannot over- or underflow."""
-    scale = np.abs(v).max(axis=-1)
-    divisor = np.where(scale > 0.0, scale, 1.0)
-    return scale, v[..., 0] / divisor, v[..., 1] / divisor, v[..., 2] / divisor
+    """Split v into its largest absolute entry and the entries divided by it, so that no square over- or underflows."""
+    size = np.abs(v)
+    scale = np.maximum(np.maximum(size[..., 0], size[..., 1]), size[..., 2])  # a max over so short an axis is slow
+    scaled = v / np.where(scale > 0.0, scale, 1.0)[..., np.newaxis]
+    return scale, scaled[..., 0], scaled[..., 1], scaled[..., 2]
 
 
 def _reciprocal_root(a: FloatArray, b: FloatArray, c: FloatArray, discriminant: FloatArray) -> FloatArray:
-    """Return 1/l for the smallest l > 0 with a l^2 + 2 b l - c = 0, c >= 0; 0 where there is none.
+    """Return 1/l for the smallest l > 0 with a l^2 + 2 b l - c = 0, c >= 0; 0 or NaN where there is none.
 
     With D the root of the discriminant b^2 + a c, the two forms (b + D)/c and a/(D - b) are equal; each is used where
-    it does not cancel. c = 0 is a base on the boundary: the exit is immediate unless the direction points inward (b < 0)
-    or along a ruling (a <= 0 = b).
+    it does not cancel. c = 0 is a base on the boundary: the exit is immediate (infinite) unless the direction points
+    inward (b < 0) or along a ruling (a <= 0 = b).
     """
-    root = np.sqrt(discriminant)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        outward = np.where(c > 0.0, (b + root) / c, np.where((b > 0.0) | (a > 0.0), np.inf, 0.0))
-        inward = np.maximum(a, 0.0) / (root - b)
-    return np.asarray(np.where(b >= 0.0, outward, inward))
+    size = np.abs(b) + np.sqrt(discriminant)
+    return np.where(b > 0.0, size / c, np.maximum(a, 0.0) / size)
