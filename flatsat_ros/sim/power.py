@@ -84,7 +84,7 @@ class PowerTrain:
         wanted = pwm * (self._profile.force_max / PWM_FULL / 4.0)
         off = (wanted < motors.force_min) | (self._supply < _SUPPLY_MIN)
         ratio = np.where(off, 0.0, self._voltage(wanted) / np.maximum(self._supply, _SUPPLY_MIN))
-        self.ratio = np.clip(ratio, motors.idle_pwm / PWM_FULL, 1.0)
+        self.ratio = np.minimum(np.maximum(ratio, motors.idle_pwm / PWM_FULL), 1.0)
         # the upper bits of the 16-bit ratio, out of a period of 2^bits: full scale is one count short of always on
         command = np.floor(self.ratio * PWM_FULL * 2.0 ** (motors.bits - 16)) * 2.0**-motors.bits
         applied = command * self.voltage

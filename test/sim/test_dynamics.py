@@ -85,19 +85,21 @@ def test_thrust_lags_by_its_own_time_up_and_down(dynamics: Dynamics) -> None:
 
 def test_a_falling_drone_reaches_its_terminal_velocity() -> None:
     body = bodies(Identified(CF21), height=1000.0, thrust=0.0)
-    for step in range(1, 10_001):
+    for step in range(1, 8001):
         body.step(np.zeros(1), angles(), STILL)
-        if step == 500:
-            assert_allclose(body.velocity[0, 2], -GRAVITY / CF21.drag_z * -np.expm1(-CF21.drag_z), rtol=1e-12)
-    assert_allclose(body.velocity[0], (0.0, 0.0, -GRAVITY / CF21.drag_z), rtol=1e-3, atol=1e-12)
-    assert_allclose(body.specific_force[0], (0.0, 0.0, 1.0), rtol=1e-3, atol=1e-12)  # carried by the air
+        if step == 500:  # v' = -g - D v from rest, after one second
+            terminal, gone = -GRAVITY / CF21.drag_z, -np.expm1(-CF21.drag_z)
+            assert_allclose(body.velocity[0, 2], terminal * gone, rtol=1e-12)
+            assert_allclose(body.position[0, 2], 1000.0 + terminal * (1.0 - gone / CF21.drag_z), rtol=1e-12)
+    assert_allclose(body.velocity[0], (0.0, 0.0, -GRAVITY / CF21.drag_z), rtol=2e-3, atol=1e-12)
+    assert_allclose(body.specific_force[0], (0.0, 0.0, 1.0), rtol=2e-3, atol=1e-12)  # carried by the air
 
 
 def test_a_hovering_drone_drifts_with_the_wind() -> None:
     body = bodies(Identified(CF21))
-    for _ in range(10_000):
+    for _ in range(8000):
         body.step(np.full(1, GRAVITY), angles(), np.array([1.0, -2.0, 0.0]))
-    assert_allclose(body.velocity[0], (1.0, -2.0, 0.0), atol=1e-3)
+    assert_allclose(body.velocity[0], (1.0, -2.0, 0.0), atol=2e-3)
 
 
 def test_without_drag_energy_is_conserved_in_free_fall() -> None:
@@ -112,7 +114,7 @@ def test_without_drag_energy_is_conserved_in_free_fall() -> None:
 @pytest.mark.parametrize("response", [Ideal(), Identified(CF21)])
 def test_hover_is_an_equilibrium(response: Ideal | Identified) -> None:
     body = bodies(response, height=1.0, yaw=0.7)
-    for _ in range(5000):
+    for _ in range(2000):
         body.step(np.full(1, GRAVITY), angles(yaw=0.7), STILL)
     assert_allclose(body.position[0], (0.0, 0.0, 1.0), atol=1e-9)
     assert_allclose(body.angles[0], (0.0, 0.0, 0.7), atol=1e-9)
@@ -125,6 +127,7 @@ def test_on_the_floor_a_drone_neither_sinks_nor_slides_nor_tilts(response: Ideal
         body.step(np.full(1, 0.9 * GRAVITY), angles(0.3, -0.2, 2.0), np.array([3.0, 0.0, 0.0]))
     assert_allclose(body.position[0], 0.0, atol=0.0)
     assert_allclose(body.angles[0], (0.0, 0.0, 0.7), atol=0.0)
+    assert_allclose(body.attitude[:, 0, 1:], 0.0, atol=0.0)
     assert_allclose(body.specific_force[0], (0.0, 0.0, 1.0), atol=0.0)
 
 
@@ -171,7 +174,7 @@ def test_gusts_have_the_promised_variance_and_correlation() -> None:
     wind = Wind(gust=0.5, gust_time=0.1)
     generator = np.random.default_rng(0)
     gust, gusts = np.zeros(3), []
-    for _ in range(100_000):
+    for _ in range(50_000):
         gust = wind.next_gust(gust, generator)
         gusts.append(gust)
     series = np.array(gusts)[1000:]

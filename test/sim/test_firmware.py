@@ -13,7 +13,7 @@ import pytest
 from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.sim.dynamics import GRAVITY
-from flatsat_ros.sim.firmware import TRANSITIONS, State
+from flatsat_ros.sim.firmware import SUPERVISOR_PERIOD, TRANSITIONS, Firmware, State
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.power import Battery
 
@@ -45,6 +45,13 @@ def silence(fleet: SimulatedFleet, seconds: float) -> None:
     fleet.advance_to(fleet.time + seconds)
 
 
+def stand(firmware: Firmware, since: float, seconds: float) -> None:
+    """Let the supervisor look at drones that stand still with their motors at rest, without simulating them."""
+    count = len(firmware.state)
+    for now in range(round(since * 1000), round((since + seconds) * 1000), SUPERVISOR_PERIOD):
+        firmware.supervise(now, np.tile((0.0, 0.0, 1.0), (count, 1)), np.zeros(count), np.full(count, 4.0))
+
+
 def state(fleet: SimulatedFleet) -> State:
     return State(fleet.firmware.state[0])
 
@@ -61,7 +68,7 @@ def took_off(fleet: SimulatedFleet) -> bool:
 def test_thrust_is_locked_from_boot_until_a_packet_with_thrust_zero() -> None:
     """crtp_commander_rpyt.c crtpCommanderRpytDecodeSetpoint, thrustLocked."""
     fleet = grounded()
-    stream(fleet, 3.0, TAKE_OFF)
+    stream(fleet, 1.0, TAKE_OFF)
     assert not took_off(fleet)
     stream(fleet, 0.01, 0.0)
     stream(fleet, 0.5, TAKE_OFF)
@@ -161,8 +168,8 @@ def test_after_two_seconds_of_silence_the_motors_stop_until_reboot() -> None:
     assert thrust(fleet) == pytest.approx(1.0)
     silence(fleet, 0.06)  # seen at 2.02 s on a real drone
     assert thrust(fleet) == 0.0
-    stream(fleet, 10.0, 0.0)
-    stream(fleet, 1.0, TAKE_OFF)
+    stream(fleet, 3.0, 0.0)
+    stream(fleet, 0.5, TAKE_OFF)
     assert state(fleet) == State.LOCKED
     assert not took_off(fleet)
     fleet.reboot(0)
@@ -178,7 +185,7 @@ def test_a_landing_must_end_in_more_than_one_and_a_half_seconds_of_zero_thrust(z
     stream(fleet, BOOT, 0.0)
     stream(fleet, 1.0, 0.9 * HOVER)
     stream(fleet, zeros, 0.0)
-    silence(fleet, 10.0)
+    silence(fleet, 3.0)
     assert (state(fleet) == State.LOCKED) == locked
 
 
@@ -186,7 +193,7 @@ def test_silence_on_the_ground_locks_nothing() -> None:
     """supervisor_state_machine.c: only flying states have watchdog transitions."""
     fleet = grounded()
     stream(fleet, 1.0, 0.0)
-    silence(fleet, 10.0)
+    silence(fleet, 4.0)
     stream(fleet, 0.5, TAKE_OFF)
     assert took_off(fleet)
 
@@ -198,7 +205,7 @@ def test_after_notify_setpoints_stop_null_setpoints_cut_the_motors_but_lock_noth
     fleet.firmware.notify_setpoints_stop(0)
     silence(fleet, 0.01)
     assert thrust(fleet) == 0.0
-    silence(fleet, 10.0)
+    silence(fleet, 3.0)
     assert state(fleet) != State.LOCKED
     stream(fleet, 0.5, TAKE_OFF)
     assert took_off(fleet)
@@ -317,13 +324,13 @@ def test_disarming_in_the_air_stops_the_motors() -> None:
 
 def test_an_armed_drone_that_does_not_fly_disarms_after_30_seconds() -> None:
     """platform_defaults.h PREFLIGHT_TIMEOUT_MS."""
-    fleet = grounded(BRUSHLESS)
-    silence(fleet, BOOT)
-    assert fleet.firmware.request_arming(0, True)
-    silence(fleet, 29.9)
-    assert fleet.firmware.armed[0]
-    silence(fleet, 0.3)
-    assert not fleet.firmware.armed[0]
+    firmware = Firmware(BRUSHLESS, 1)
+    stand(firmware, 0.0, BOOT)
+    assert firmware.request_arming(0, True)
+    stand(firmware, BOOT, 29.9)
+    assert firmware.armed[0]
+    stand(firmware, BOOT + 29.9, 0.3)
+    assert not firmware.armed[0]
 
 
 def test_a_landed_drone_disarms_after_3_seconds() -> None:
@@ -342,10 +349,10 @@ def test_a_landed_drone_disarms_after_3_seconds() -> None:
 
 def test_a_brushed_drone_arms_itself_again() -> None:
     """supervisor.c postTransitionActions, AUTO_ARMING."""
-    fleet = grounded()
-    silence(fleet, 31.0)
-    assert fleet.firmware.armed[0]
-    assert state(fleet) == State.READY_TO_FLY
+    firmware = Firmware(CF21, 1)
+    stand(firmware, 0.0, 31.0)
+    assert firmware.armed[0]
+    assert firmware.state[0] == State.READY_TO_FLY
 
 
 def test_an_armed_brushless_drone_idles() -> None:
