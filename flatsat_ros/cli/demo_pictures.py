@@ -67,6 +67,7 @@ def _gain(record: FlightRecord) -> plt.Figure:
     gain.set_ylabel(r"gain $\gamma$")
     gain.set_title(f"gain (cap {record.gain_max:.4g}) and Lyapunov function")
     gain.legend()
+    lyapunov.set_ylim(top=5.0 * max(record.level, *(r.column("V").max() for r in record.robots.values())))
     lyapunov.axhline(record.level, **_LIMIT)
     lyapunov.text(0.01, record.level, r" $\varepsilon$", transform=lyapunov.get_yaxis_transform(), va="bottom")
     lyapunov.axhline(record.threshold, **_LIMIT)
