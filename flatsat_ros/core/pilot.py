@@ -93,6 +93,7 @@ class Pilot:
         begin = perf_counter()
         if now < self._last_tick:
             self.estimator.restart()
+            self._since = np.minimum(self._since, now)
         self._last_tick = now
         state = self.estimator.estimate(now)
         usable = self.estimator.usable(now, self.policy.pose_timeout)

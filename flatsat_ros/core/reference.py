@@ -164,13 +164,10 @@ class References:
         self._until[index] = -np.inf
         self.yaw[index] = trajectory.yaw
 
-    def assigned(self) -> np.ndarray:
-        """Tell which drones have a reference, (N,)."""
-        return np.array([trajectory is not None for trajectory in self._trajectories], dtype=bool)
-
     def sample(self, t: float) -> FloatArray:
         """Return position, velocity and acceleration of all drones at t, (N, 9); zero without a reference."""
-        for index in np.flatnonzero(t >= self._until):
+        # earlier than the segment: before the start, or the clock was set back
+        for index in np.flatnonzero((t >= self._until) | (t < self._origin)):
             trajectory = self._trajectories[index]
             if trajectory is not None:
                 self._coefficients[index], self._origin[index], self._until[index] = trajectory.segment(t)

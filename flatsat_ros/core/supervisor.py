@@ -11,9 +11,11 @@ back in time it flies on. CUT stops the motors and stays until the user gives a 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
 
+from flatsat_ros.core.errors import require
 from flatsat_ros.core.lyapunov import require_positive
 
 
@@ -36,10 +38,10 @@ class Policy:
         level_time: s of level descent without poses before the motors are cut.
         unlock_time: s of zero thrust that open the firmware's thrust lock before take-off.
         ground_height: m, world frame: a drone below it is taken to stand on the ground when its reference arrives.
-        level_thrust: thrust while levelled, as a fraction of gravity, so that it sinks slowly.
+        level_thrust: thrust while levelled, as a fraction of gravity, at most 1, so that it sinks slowly.
 
     Raises:
-        FlatsatError: a time or the fraction is not above 0.
+        FlatsatError: a time or the fraction is not above 0, the fraction is above 1, or the height is not finite.
     """
 
     pose_timeout: float = 0.3
@@ -51,6 +53,8 @@ class Policy:
     def __post_init__(self) -> None:
         for name, unit in (("pose_timeout", "s"), ("level_time", "s"), ("unlock_time", "s"), ("level_thrust", "g")):
             require_positive(name, getattr(self, name), unit)
+        require(self.level_thrust <= 1.0, "level_thrust", f"{self.level_thrust} g", "at most 1 g, or it would climb")
+        require(math.isfinite(self.ground_height), "ground_height", f"{self.ground_height} m", "a finite number")
 
 
 def next_mode(mode: Mode, elapsed: float, *, requested: bool, usable: bool, height: float, policy: Policy) -> Mode:
