@@ -53,7 +53,7 @@ def decay_residual(block: FloatArray, rate: float) -> float:
     This is the paper's condition Q A' + A Q - 2 B B' <= -alpha Q, multiplied by P from both sides.
     """
     residual = _A.T @ block + block @ _A - 2.0 * block @ _B @ _B.T @ block + rate * block
-    return _largest_relative_eigenvalue(residual, rate * block)
+    return largest_relative_eigenvalue(residual, rate * block)
 
 
 def hold_transition(block: FloatArray, period: float, gain: float) -> FloatArray:
@@ -69,7 +69,7 @@ def hold_contraction(block: FloatArray, period: float, gain: float) -> float:
     The ratio is convex in k, so over an interval of gains the larger of the two end values bounds it.
     """
     step = hold_transition(block, period, gain)
-    return _largest_relative_eigenvalue(step.T @ block @ step, block)
+    return largest_relative_eigenvalue(step.T @ block @ step, block)
 
 
 def hold_growth(block: FloatArray, period: float, gain: float) -> float:
@@ -92,7 +92,7 @@ def hold_growth(block: FloatArray, period: float, gain: float) -> float:
     ) * period ** np.arange(1.0, 5.0).reshape(4, 1, 1)
     edges = np.linspace(0.0, 1.0, _PIECES + 1)
     return max(
-        _largest_relative_eigenvalue(coefficient, block)
+        largest_relative_eigenvalue(coefficient, block)
         for start, end in itertools.pairwise(edges)
         for coefficient in bernstein_coefficients(powers, float(start), float(end))
     )
@@ -156,7 +156,7 @@ def hold_gain_interval(rate: float, period: float) -> tuple[float, float]:
     return 2.0 / (2.0 + s / 2.0 + root), upper
 
 
-def _largest_relative_eigenvalue(matrix: FloatArray, metric: FloatArray) -> float:
+def largest_relative_eigenvalue(matrix: FloatArray, metric: FloatArray) -> float:
     """Return max x'M x / x'P x over x for a symmetric M and a positive definite P."""
     factor = np.linalg.inv(np.linalg.cholesky(metric))
     return float(np.linalg.eigvalsh(factor @ matrix @ factor.T)[-1])

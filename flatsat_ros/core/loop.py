@@ -1,0 +1,152 @@
+"""The loop that really runs: sampled, with a lag and a delay between the command and the acceleration.
+
+Per axis, with the command u held for a period h,
+
+    p' = v,   v' = a,   tau a' = u(t - d) - a        (a = u(t - d) without lag),
+
+and u = -k B'P (p, v) with an applied gain k that the saturation and the adaptation move from period to period. The
+exact discretisation has the state z = (p, v[, a], u_1, ..., u_m): u_j is the command given j periods ago, still needed.
+A matrix W with M(k)' W M(k) <= W at the ends of a gain interval, M(k) = F - k G K, proves that z'W z never grows for
+whatever gains inside the interval, because M(k)' W M(k) is convex in k.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flatsat_ros.core.errors import FlatsatError, require
+from flatsat_ros.core.flatness import FloatArray
+from flatsat_ros.core.lyapunov import largest_relative_eigenvalue, require_positive
+
+# A delay this close to whole periods, relative to one, is whole: 0.3 s are three periods of 0.1 s.
+_WHOLE = 1e-9
+
+# Commands in flight; more make matrices that no solver handles.
+_DEPTH = 40
+
+
+@dataclass(frozen=True)
+class Timing:
+    """When a command becomes an acceleration.
+
+    Attributes:
+        period: h, s; commands are held in between.
+        lag: tau, s, first-order lag of the achieved acceleration; 0 for none.
+        delay: d, s, transport delay, any number of periods and parts of one; 0 for none.
+
+    Raises:
+        FlatsatError: a value is negative, not finite, or the delay is longer than 40 periods.
+    """
+
+    period: float
+    lag: float = 0.0
+    delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "period", require_positive("period (h)", self.period, "s"))
+        for name, symbol in (("lag", "tau"), ("delay", "d")):
+            value = getattr(self, name)
+            number = isinstance(value, (int, float, np.floating)) and not isinstance(value, bool)
+            if not number or not 0.0 <= value < math.inf:
+                raise FlatsatError(f"{name} ({symbol}) = {value!r} s: must be a finite number of at least 0")
+            object.__setattr__(self, name, float(value))
+        require(
+            self.delay <= _DEPTH * self.period, "delay (d)", f"{self.delay} s", f"at most {_DEPTH} periods of "
+            f"{self.period} s"
+        )  # fmt: skip
+        if 0.0 < self.lag < 1e-3 * self.period:
+            raise FlatsatError(
+                f"lag (tau) = {self.lag:.6g} s: must be 0 or at least {1e-3 * self.period:.6g} s (h/1000)"
+            )
+
+    @property
+    def immediate(self) -> bool:
+        """Whether the command is the acceleration: a plain zero-order hold."""
+        return self.lag == 0.0 and self.delay == 0.0
+
+    @property
+    def size(self) -> int:
+        """Entries of z per axis."""
+        whole, part = self._split()
+        return 2 + (self.lag > 0.0) + whole + (part > 0.0)
+
+    def _split(self) -> tuple[int, float]:
+        """Return the delay as whole periods and the rest, s."""
+        periods = self.delay / self.period
+        whole = math.floor(periods + _WHOLE)
+        rest = periods - whole
+        return whole, rest * self.period if rest > _WHOLE else 0.0
+
+    def transition(self) -> tuple[FloatArray, FloatArray]:
+        """Return F (n, n) and G (n, 1) with z+ = F z + G u, one axis, exact."""
+        whole, part = self._split()
+        early, early_input = self._hold(part)
+        late, late_input = self._hold(self.period - part)
+        body, size = len(late), self.size
+        F, G = np.zeros((size, size)), np.zeros((size, 1))
+        F[:body, :body] = late @ early
+        # acceleration is driven by the command of whole + 1 periods ago until the part is over, then by the next one
+        columns = np.hstack([G, F[:, body:]])
+        columns[:body, [whole]] += late_input
+        if part > 0.0:
+            columns[:body, [whole + 1]] += late @ early_input
+        if size > body:
+            columns[body:, : size - body] = np.eye(size - body)
+        G, F[:, body:] = columns[:, :1], columns[:, 1:]
+        return F, G
+
+    def _hold(self, time: float) -> tuple[FloatArray, FloatArray]:
+        """Return the transition of (p, v[, a]) and its input over a time in which the drive is constant."""
+        if self.lag == 0.0:
+            return np.array([[1.0, time], [0.0, 1.0]]), np.array([[time**2 / 2.0], [time]])
+        gone = -math.expm1(-time / self.lag)  # share of the step response
+        late = time - self.lag * gone
+        return (
+            np.array([[1.0, time, self.lag * late], [0.0, 1.0, self.lag * gone], [0.0, 0.0, 1.0 - gone]]),
+            np.array([[time**2 / 2.0 - self.lag * late], [late], [gone]]),
+        )
+
+    def closed_loop(self, block: FloatArray, gain: float) -> FloatArray:
+        """Return M(k) (n, n), z+ = M(k) z, for one axis with u = -k B'P (p, v).
+
+        Args:
+            block: P (2, 2).
+            gain: applied gain k.
+        """
+        F, G = self.transition()
+        return np.asarray(F - gain * G @ self.feedback(block))
+
+    def feedback(self, block: FloatArray) -> FloatArray:
+        """Return K (1, n), B'P on (p, v) and zero on the rest of z."""
+        return np.asarray(np.concatenate([block[1], np.zeros(self.size - 2)])[np.newaxis])
+
+    def contraction(self, matrix: FloatArray, block: FloatArray, gain: float) -> float:
+        """Return the largest z+'W z+ / z'W z over one period at gain k; convex in k.
+
+        Args:
+            matrix: W (n, n), positive definite.
+            block: P (2, 2).
+            gain: applied gain k.
+        """
+        step = self.closed_loop(block, gain)
+        return largest_relative_eigenvalue(step.T @ matrix @ step, matrix)
+
+    def follow(self, rest: ArrayLike, command: ArrayLike) -> FloatArray:
+        """Return what z holds beyond position and velocity, one period later.
+
+        Nothing measures it: it is the model's, driven by the commands that were sent. Starting at zero means hover.
+
+        Args:
+            rest: (N, n - 2, 3) achieved acceleration (if there is a lag) and past commands, m/s^2, world frame.
+            command: (N, 3) v, m/s^2, world frame, given at the beginning of the period.
+
+        Returns:
+            (N, n - 2, 3); `numpy.concatenate([xi, rest.reshape(N, -1)], axis=1)` is what the sets take.
+        """
+        F, G = self.transition()
+        rest, command = np.asarray(rest, dtype=np.float64), np.asarray(command, dtype=np.float64)
+        return np.asarray(np.einsum("ij,njk->nik", F[2:, 2:], rest) + G[2:] * command[:, np.newaxis])

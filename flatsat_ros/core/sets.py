@@ -1,0 +1,185 @@
+"""From where the guarantee holds: the paper's ellipsoid E, the larger set D, and what k >= kappa adds to both.
+
+With V = V_h + V_v split into its horizontal and vertical part, |eta_h|^2 <= c_h V_h and |eta_v|^2 <= c_v V_v. So
+
+    E = { V <= eps },    D = { (a, b) in R, a = sqrt(c_h V_h), b = sqrt(c_v V_v) },
+    R = { (a, b) >= 0 : every v with |v_h| <= a and |v_3| <= b lies in V_c },
+
+have v0 = -eta in V_c, an applied gain of at least 1, and V_h and V_v that do not grow: both are invariant, and E lies
+in D. The smallest s with the state in s D is the gauge of V_c at the worse of (a, 0, b) and (a, 0, -b): no search.
+There v0 lies in s V_c, so the applied gain is at least kappa = min(1, 1/s); as long as V_h and V_v do not grow for that
+gain, s D is invariant too (the paper stops at kappa = 1).
+
+With a lag or a delay W takes the place of V: the same sets, of the state z = (p, v[, a], past commands) of `core.loop`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.flatness import FloatArray
+from flatsat_ros.core.input_set import InputSet
+
+
+class Place(IntEnum):
+    """The smallest set that a state is in."""
+
+    OUTSIDE = 0
+    KAPPA = 1  # in the kappa-set of D for the smallest kappa that is certified
+    LARGER = 2  # in D
+    ELLIPSOID = 3  # in E
+
+
+@dataclass(frozen=True, eq=False)
+class Membership:
+    """Where N states are.
+
+    Attributes:
+        place: (N,) values of `Place`.
+        kappa: (N,) the applied gain is at least this, min(1, 1/s) with the smallest s D around the state; 0 for a
+            state that is not finite.
+        guaranteed: (N,) whether, from here on, V_h and V_v do not grow (beyond the floor that a disturbance sets) and
+            so the state never leaves its set, for every gain gamma in [1, gain_max].
+    """
+
+    place: FloatArray
+    kappa: FloatArray
+    guaranteed: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Sets:
+    """The certified sets of one loop.
+
+    Attributes:
+        limits: V_c.
+        horizontal, vertical: (n, n) what V_h sums over x and y, and V_v for z: blocks of P, or of W with lag or delay.
+        slope_horizontal, slope_vertical: c_h and c_v, m^2/s^4 per unit of V_h and V_v.
+        level: eps.
+        gain_min: applied gains from here on are certified.
+        floor: level up to which a disturbance can lift V_h and V_v; 0 without.
+    """
+
+    limits: InputSet
+    horizontal: FloatArray
+    vertical: FloatArray
+    slope_horizontal: float
+    slope_vertical: float
+    level: float
+    gain_min: float
+    floor: float = 0.0
+
+    def levels(self, state: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return V_h and V_v, (...).
+
+        Args:
+            state: (..., 3 n) errors: position, velocity[, achieved acceleration, past commands], three entries each; or
+                (..., 6), which stands for a drone that hovers: accelerations and past commands zero.
+
+        Raises:
+            FlatsatError: the shape is wrong.
+        """
+        state, width = np.asarray(state, dtype=np.float64), len(self._matrix)
+        if state.ndim == 0 or state.shape[-1] not in (6, width):
+            raise FlatsatError(f"state has shape {state.shape}: its last axis must have 6 or {width} entries")
+        width = state.shape[-1]
+        terms = state @ self._matrix[:width, :width] * state
+        upright = terms[..., 2::3].sum(axis=-1)
+        return np.asarray(terms[..., 0::3].sum(axis=-1) + terms[..., 1::3].sum(axis=-1)), np.asarray(upright)
+
+    @cached_property
+    def _matrix(self) -> FloatArray:
+        """The matrix of V_h + V_v, (3 n, 3 n)."""
+        axes = np.kron(self.horizontal, np.diag([1.0, 1.0, 0.0])), np.kron(self.vertical, np.diag([0.0, 0.0, 1.0]))
+        return np.asarray(axes[0] + axes[1])
+
+    def scale_ellipsoid(self, state: ArrayLike) -> FloatArray:
+        """Return the smallest s with the state in s E, (...): sqrt(V / eps)."""
+        lateral, upright = self.levels(state)
+        return np.sqrt((lateral + upright) / self.level)
+
+    def scale_larger(self, state: ArrayLike) -> FloatArray:
+        """Return the smallest s with the state in s D, (...)."""
+        return self._scale(*self.levels(state))
+
+    def _scale(self, lateral: FloatArray, upright: FloatArray) -> FloatArray:
+        worst = np.zeros((2, *lateral.shape, 3))
+        worst[..., 0] = np.sqrt(self.slope_horizontal * np.maximum(lateral, 0.0))
+        worst[0, ..., 2] = np.sqrt(self.slope_vertical * np.maximum(upright, 0.0))
+        worst[1, ..., 2] = -worst[0, ..., 2]
+        return np.asarray(self.limits.gauge(worst).max(axis=0))
+
+    def kappa(self, state: ArrayLike) -> FloatArray:
+        """Return the largest kappa in (0, 1] with the state in D's kappa-set, (...): a bound of the applied gain."""
+        return 1.0 / np.maximum(self.scale_larger(state), 1.0)
+
+    def classify(self, state: ArrayLike) -> Membership:
+        """Tell where N states are and whether the guarantee holds now.
+
+        Args:
+            state: (N, 6) or (N, 3 n) errors, see `levels`; a row that is not finite is outside.
+        """
+        lateral, upright = self.levels(state)
+        finite = np.isfinite(lateral) & np.isfinite(upright)
+        lateral, upright = np.where(finite, lateral, 0.0), np.where(finite, upright, 0.0)
+        scale = self._scale(lateral, upright)
+        lifted = self._scale(np.maximum(lateral, self.floor), np.maximum(upright, self.floor)) if self.floor else scale
+        ellipsoid, larger = lateral + upright <= self.level, scale <= 1.0
+        guaranteed = finite & (ellipsoid | (lifted <= 1.0) | (lifted * self.gain_min < 1.0))
+        place = np.where(ellipsoid, Place.ELLIPSOID, np.where(larger, Place.LARGER, Place.KAPPA))
+        return Membership(
+            place=np.where(finite & (larger | guaranteed), place, Place.OUTSIDE),
+            kappa=np.where(finite, 1.0 / np.maximum(scale, 1.0), 0.0),
+            guaranteed=np.asarray(guaranteed),
+        )
+
+    def _density(self) -> float:
+        """Return det(P_h) sqrt(det(P_v)), the root of the determinant of P; of the slice of hover with lag or delay."""
+        return float(np.linalg.det(self.horizontal[:2, :2]) * math.sqrt(np.linalg.det(self.vertical[:2, :2])))
+
+    @property
+    def volume_ellipsoid(self) -> float:
+        """Volume of E in (m, m/s)^3: pi^3/6 eps^3 / sqrt(det P). The kappa-set has kappa^-6 times as much."""
+        return math.pi**3 / 6.0 * self.level**3 / self._density()
+
+    @property
+    def volume_larger(self) -> float:
+        """Volume of D in (m, m/s)^3.
+
+        The volumes of { V_h <= t } and { V_v <= t } are pi^2/2 t^2 / det P_h and pi t / sqrt(det P_v), so it is
+        pi^3 / (2 c_h^2 c_v) times the integral of 2 b a(b)^4 db over the densities, with a(b) the width of R at b:
+        a(b)^2 is one of two polynomials of degree 2, and three Gauss points integrate each piece exactly.
+        """
+        top = min(self.limits.gravity - self.limits.thrust_min, self.limits.thrust_max - self.limits.gravity)
+        edges = np.unique(np.clip([0.0, *self._crossings(), top], 0.0, top))
+        nodes, weights = np.polynomial.legendre.leggauss(3)
+        half = np.diff(edges)[:, np.newaxis] / 2.0
+        b = edges[:-1, np.newaxis] + half * (nodes + 1.0)
+        integral = float((half * weights * 2.0 * b * self.width(b) ** 4).sum())
+        return math.pi**3 / (2.0 * self.slope_horizontal**2 * self.slope_vertical) * integral / self._density()
+
+    def width(self, b: ArrayLike) -> FloatArray:
+        """Return the largest a with (a, b) in R, m/s^2, for 0 <= b <= min(g - T_min, T_max - g)."""
+        g, limit, b = self.limits.gravity, self.limits.thrust_max, np.asarray(b, dtype=np.float64)
+        sphere = np.sqrt((limit - g - b) * (limit + g + b))
+        return np.minimum(math.tan(self.limits.tilt_max) * (g - b), sphere)
+
+    def _crossings(self) -> list[float]:
+        """Return where the cone's and the sphere's bound of a(b) are equal."""
+        g, limit, square = self.limits.gravity, self.limits.thrust_max, math.tan(self.limits.tilt_max) ** 2
+        # (1 + t^2) b^2 + 2 g (1 - t^2) b + g^2 (1 + t^2) - T^2 = 0
+        half, last = g * (1.0 - square) / (1.0 + square), g * g - limit * limit / (1.0 + square)
+        root = half * half - last
+        return [] if root < 0.0 else [-half - math.sqrt(root), -half + math.sqrt(root)]
+
+    @property
+    def rest_radius(self) -> float:
+        """Radius, m, of the largest ball of positions from which a drone that hovers starts inside E."""
+        return math.sqrt(self.level / max(self.horizontal[0, 0], self.vertical[0, 0]))
