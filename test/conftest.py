@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import socket
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -17,9 +19,10 @@ def _claim_ros_domain() -> tuple[int, socket.socket]:
     """Take a ROS domain that no other test process of this machine holds, of this run or of another.
 
     An abstract socket is the claim: the kernel lets one process bind the name, and frees it however that process ends.
-    Domains above 101 would use ports that Linux hands out to others; 0 is where a user's own nodes are.
+    Domains above 101 would use ports that Linux hands out to others; 0 is where a user's own nodes are. The next claim
+    looks beyond the last one: in a domain just left, the participants of killed processes live on for a while.
     """
-    for domain in range(1, 102):
+    for domain in itertools.islice(_domains, 101):
         claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         try:
             claim.bind(f"\0flatsat_ros test in ROS domain {domain}")
@@ -30,6 +33,8 @@ def _claim_ros_domain() -> tuple[int, socket.socket]:
     raise RuntimeError("all ROS domains from 1 to 101 are taken by running tests")
 
 
+# workers have neighbouring process ids: begin far apart
+_domains = itertools.cycle([1 + (37 * os.getpid() + i) % 101 for i in range(101)])
 _domain, _domain_claim = _claim_ros_domain()
 _logs = tempfile.TemporaryDirectory(prefix="flatsat_ros-log-", ignore_cleanup_errors=True)
 os.environ["ROS_DOMAIN_ID"] = str(_domain)
@@ -48,6 +53,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.path.is_relative_to(TEST / "nodes") or item.path.is_relative_to(TEST / "cli"):
             item.add_marker(pytest.mark.xdist_group("processes"))
+
+
+@pytest.fixture
+def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """A ROS domain of the test's own, for it and the processes it starts."""
+    domain, claim = _claim_ros_domain()
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    with claim:
+        yield domain
 
 
 @pytest.fixture(scope="session")

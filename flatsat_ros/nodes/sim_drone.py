@@ -77,7 +77,6 @@ class SimDrone(Node):  # type: ignore[misc]
             dynamics=declare(
                 self, "dynamics", "identified", "ideal: double integrator; identified: with attitude, lag, drag"
             ),
-            flying=declare(self, "flying", False, "start hovering, unlocked, instead of booting on the floor"),
             yaw=declare(self, "start_yaw", 0.0, "initial yaw of every drone", unit="rad", bounds=(-np.pi, np.pi)),
             seed=declare(self, "seed", 0, "seed of noise, drop-out and gusts", bounds=(0, 2**31 - 1)),
             thrust_scale=declare(

@@ -1,0 +1,276 @@
+"""The laboratory of the multi-node tests: real processes in a ROS domain of each test's own, and an observer.
+
+Nothing sleeps for correctness: a test waits for conditions, each with a deadline that only a broken node reaches.
+"""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from geometry_msgs.msg import PoseStamped, Twist
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from rclpy.timer import Timer
+
+from flatsat_ros._resources import config_path
+from flatsat_ros.core.certificate import Certificate
+from flatsat_ros.core.flatness import FloatArray, acceleration_from_input
+from flatsat_ros.core.telemetry import FIELDS
+from flatsat_ros.core.vehicle import VehicleProfile
+from flatsat_ros.core.wire import WireSetpoint, input_from_setpoint
+from flatsat_ros.nodes import interfaces, messages
+from flatsat_ros.nodes.interfaces import Topic
+
+DEADLINE = 40.0  # s
+GOODBYE = 20.0  # s, for a process that was told to stop
+# the observer loses nothing that comes between two looks
+KEEP = QoSProfile(depth=2000)
+
+# On a busy machine Fast DDS's five first announcements can all be missed, and the next one comes only after 3 s.
+_DISCOVERY = """<?xml version="1.0" encoding="UTF-8"?>
+<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <participant profile_name="eager" is_default_profile="true"><rtps><builtin><discovery_config><initialAnnouncements>
+    <count>50</count><period><sec>0</sec><nanosec>100000000</nanosec></period>
+  </initialAnnouncements></discovery_config></builtin></rtps></participant>
+</profiles>
+"""
+
+
+def position(pose: PoseStamped) -> tuple[float, float, float]:
+    """Return the position of a pose, m."""
+    p = pose.pose.position
+    return p.x, p.y, p.z
+
+
+class Process:
+    """One executable of the package, running.
+
+    Attributes:
+        name: of the executable.
+        expected: whether it may have ended.
+    """
+
+    def __init__(self, executable: Path, arguments: Sequence[str], log: Path) -> None:
+        self.name = executable.name
+        self.expected = False
+        self._log = log
+        with log.open("wb") as stream:
+            self._popen = subprocess.Popen(
+                [executable, *arguments], stdin=subprocess.DEVNULL, stdout=stream, stderr=subprocess.STDOUT
+            )
+
+    @property
+    def output(self) -> str:
+        """What it wrote so far."""
+        return self._log.read_text(encoding="utf-8", errors="replace")
+
+    @property
+    def returncode(self) -> int | None:
+        """The exit code, None while it runs."""
+        return self._popen.poll()
+
+    def send(self, number: signal.Signals) -> None:
+        """Send it a signal; after one that may end it, it may be gone."""
+        self.expected = self.expected or number not in (signal.SIGSTOP, signal.SIGCONT)
+        self._popen.send_signal(number)
+
+    def wait(self) -> int:
+        """Return the exit code of a process that is about to end."""
+        self.expected = True
+        return self._popen.wait(GOODBYE)
+
+    def stop(self, number: signal.Signals = signal.SIGTERM) -> int:
+        """Tell it to stop and return its exit code."""
+        self.send(number)
+        return self.wait()
+
+    def end(self) -> None:
+        """Make sure that it is gone."""
+        if self.returncode is None:
+            self._popen.send_signal(signal.SIGCONT)
+            self._popen.terminate()
+            try:
+                self._popen.wait(GOODBYE)
+            except subprocess.TimeoutExpired:
+                self._popen.kill()
+                self._popen.wait()
+
+
+class Lab:
+    """Processes, and a node of the test's that watches and asks.
+
+    Attributes:
+        node: the observer.
+        certificate, vehicle: what the controller flies with by default.
+    """
+
+    def __init__(self, executables: Path, folder: Path) -> None:
+        self.certificate = Certificate.load(config_path("paper_experiment"))
+        self.vehicle = VehicleProfile.load(config_path("cf21", "vehicles"))
+        self._executables = executables
+        self._folder = folder
+        self._processes: list[Process] = []
+        self._publishers: dict[str, Any] = {}
+        self._parameters: AsyncParameterClient | None = None
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self.node = Node("observer", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+
+    def close(self) -> None:
+        """End every process and print what it wrote: pytest shows it if the test failed."""
+        for process in self._processes:
+            process.end()
+            print(f"--- {process.name}, exit code {process.returncode}\n{process.output}")
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+    def start(self, executable: str, **parameters: object) -> Process:
+        """Start an executable with ROS parameters; `__` in a name stands for a dot."""
+        arguments = ["--ros-args"]
+        for name, value in parameters.items():
+            text = str(value).lower() if isinstance(value, bool) else str(value).replace("'", "")
+            arguments += ["-p", f"{name.replace('__', '.')}:={text}"]
+        log = self._folder / f"{len(self._processes)}_{executable}.log"
+        process = Process(self._executables / executable, arguments, log)
+        self._processes.append(process)
+        return process
+
+    def wait(self, condition: Callable[[], object], what: str, deadline: float = DEADLINE) -> None:
+        """Take messages in until the condition holds; fail at the deadline or when a process ends unexpectedly."""
+        end = time.monotonic() + deadline
+        while not condition():
+            for process in self._processes:
+                if process.returncode is not None and not process.expected:
+                    pytest.fail(f"{process.name} ended with exit code {process.returncode} while waiting for {what}")
+            if time.monotonic() > end:
+                pytest.fail(f"not within {deadline:g} s: {what}")
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def listen(self, seconds: float) -> None:
+        """Take messages in for a while: for what must not happen."""
+        end = time.monotonic() + seconds
+        self.wait(lambda: time.monotonic() >= end, "time to pass", 2.0 * seconds + DEADLINE)
+
+    def watch(self, topic: Topic, robot: str) -> list[Any]:
+        """Return a list to which every message of the topic is added as it comes."""
+        seen: list[Any] = []
+        self.node.create_subscription(topic.kind, topic.of(robot), seen.append, KEEP)
+        return seen
+
+    def watch_diagnostics(self, name: str) -> list[Any]:
+        """Return a list to which every diagnostic status of that name is added."""
+        seen: list[Any] = []
+
+        def take(message: Any) -> None:
+            seen.extend(status for status in message.status if status.name == name)
+
+        self.node.create_subscription(interfaces.DIAGNOSTICS_KIND, interfaces.DIAGNOSTICS, take, KEEP)
+        return seen
+
+    def publish(self, topic: Topic, robot: str, message: Any) -> None:
+        """Publish, once somebody listens."""
+        self._publisher(topic, robot).publish(message)
+
+    def stream(self, robot: str, command: WireSetpoint, frequency: float = 20.0) -> Timer:
+        """Send a command over and over; return the timer that does it, to cancel."""
+        publisher, message = self._publisher(interfaces.COMMAND, robot), Twist()
+        messages.fill_command(message, command)
+        publisher.publish(message)
+        return self.node.create_timer(1.0 / frequency, lambda: publisher.publish(message))
+
+    def _publisher(self, topic: Topic, robot: str) -> Any:
+        """Return a publisher to which somebody listens."""
+        name = topic.of(robot)
+        if name not in self._publishers:
+            self._publishers[name] = self.node.create_publisher(topic.kind, name, topic.publish)
+        self.wait(self._publishers[name].get_subscription_count, f"a listener to {name}")
+        return self._publishers[name]
+
+    def go_to(self, robot: str, position: Sequence[float]) -> None:
+        """Give a robot a set-point, m."""
+        message = PoseStamped()
+        messages.fill_pose(message, 0, position, (0.0, 0.0, 0.0, 1.0))
+        self.publish(interfaces.GOAL, robot, message)
+
+    def set_parameters(self, values: dict[str, object], *, atomically: bool = False) -> list[tuple[bool, str]]:
+        """Set parameters of the controller through its services; return (successful, reason) of each, or of all."""
+        client = self._parameters = self._parameters or AsyncParameterClient(self.node, interfaces.CONTROLLER_NODE)
+        self.wait(client.services_are_ready, "the controller's parameter services")
+        parameters = [Parameter(name, value=value) for name, value in values.items()]
+        send = client.set_parameters_atomically if atomically else client.set_parameters
+        answer: Future[Any] = send(parameters)
+        self.wait(answer.done, "the answer of the parameter service")
+        result = answer.result()
+        return [(r.successful, r.reason) for r in ([result.result] if atomically else result.results)]
+
+    def wait_for_flight(self, robot: str, poses: list[Any], goal: Sequence[float], tolerance: float) -> None:
+        """Wait until a robot has stayed near a goal, m, for a second, by the stamps of its poses."""
+        second = 100  # poses
+
+        def stays() -> bool:
+            recent = np.array([position(pose) for pose in poses[-second:]])
+            return len(recent) == second and bool((np.abs(recent - goal) <= tolerance).all())
+
+        self.wait(stays, f"{robot} to stay within {tolerance} m of {goal}")
+
+    def fly(self, *robots: str, **parameters: object) -> Process:
+        """Start the controller for these robots."""
+        return self.start("controller", robot_names=list(robots), **parameters)
+
+    def require_within_limits(self, commands: Sequence[Twist]) -> FloatArray:
+        """Require that every command is finite and within the certificate's limits; return them as (M, 3) inputs."""
+        assert commands
+        setpoints = np.array([messages.command_from_message(command) for command in commands])
+        assert np.isfinite(setpoints).all()
+        assert (setpoints[:, 3] >= 0.0).all()
+        assert (setpoints[:, 3] <= self.vehicle.pwm_max).all()
+        inputs = np.array([input_from_setpoint(messages.command_from_message(c), self.vehicle)[:3] for c in commands])
+        limits = self.certificate.limits
+        rounding = 1e-9
+        assert (inputs[:, 0] <= limits.thrust_max + rounding).all()
+        v = acceleration_from_input(inputs, np.zeros(len(inputs)), limits.gravity)
+        tilt = np.arctan2(np.hypot(v[:, 0], v[:, 1]), v[:, 2] + limits.gravity)
+        assert (tilt <= limits.tilt_max + rounding).all()
+        return inputs
+
+
+@pytest.fixture(scope="session", autouse=True)
+def eager_discovery(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Let nodes find each other at once; a saving of time that nothing depends on."""
+    profile = tmp_path_factory.mktemp("fastdds") / "profile.xml"
+    profile.write_text(_DISCOVERY, encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(profile))
+        yield
+
+
+@pytest.fixture
+def lab(ros_domain: int, executables: Path, tmp_path: Path) -> Iterator[Lab]:
+    """A laboratory that is empty again after the test."""
+    laboratory = Lab(executables, tmp_path)
+    try:
+        yield laboratory
+    finally:
+        laboratory.close()
+
+
+@pytest.fixture
+def column() -> Callable[[Sequence[Any], str], FloatArray]:
+    """How to read one field, (M,), from telemetry messages."""
+    return lambda telemetry, field: np.array([message.data[FIELDS.index(field)] for message in telemetry])
