@@ -155,6 +155,12 @@ def test_motor_commands_come_in_8_bit_steps_and_in_11_bit_steps_with_dshot() -> 
         assert (forces <= pwm * profile.force_max / 65535 + 1e-9).all()
 
 
+def test_idling_motors_never_pull_downward() -> None:
+    brushless = VehicleProfile.load(VEHICLES / "brushless.yaml")
+    fleet = SimulatedFleet(brushless, 1, battery=Battery(voltage=3.0))  # where the force curve's fit is below 0
+    assert fleet.power.step(np.zeros(1), np.full(1, True))[0] == 0.0
+
+
 def test_a_force_below_the_motors_smallest_is_none() -> None:
     smallest = 65535 * 4.0 * CF21.motors.force_min / CF21.force_max
     assert hover_force(Battery(), 0.99 * smallest, seconds=0.2)[1].power.ratio[0] == 0.0
