@@ -1,0 +1,61 @@
+"""The wire: signs, degrees and PWM as golden values, and there and back."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.vehicle import VehicleProfile
+from flatsat_ros.core.wire import input_from_setpoint, setpoint_from_input
+
+CF21 = VehicleProfile.load(Path(__file__).parents[2] / "config" / "vehicles" / "cf21.yaml")
+
+angles = st.floats(-1.5, 1.5)
+
+
+def test_hover_with_every_sign() -> None:
+    setpoint = setpoint_from_input(9.81, math.radians(5.0), math.radians(-3.0), math.radians(20.0), CF21)
+    assert setpoint.roll == pytest.approx(5.0)
+    assert setpoint.pitch == pytest.approx(-3.0)
+    assert setpoint.yaw_rate == pytest.approx(-20.0)
+    assert setpoint.thrust == pytest.approx(0.029 * 9.81 / 0.480 * 65535)
+    assert setpoint.thrust == pytest.approx(38841.8, abs=0.1)
+
+
+def test_the_cflib_back_end_turns_the_pitch_around_and_nothing_else() -> None:
+    cpp = setpoint_from_input(12.0, 0.1, 0.2, 0.3, CF21, "cpp")
+    cflib = setpoint_from_input(12.0, 0.1, 0.2, 0.3, CF21, "cflib")
+    assert cflib == cpp._replace(pitch=-cpp.pitch)
+    assert cflib.pitch == pytest.approx(-math.degrees(0.2))
+
+
+@pytest.mark.parametrize(("thrust", "pwm"), [(0.0, 0.0), (-5.0, 0.0), (1e6, 60000.0), (15.2, 60000.0)])
+def test_thrust_is_clipped_to_what_the_firmware_takes(thrust: float, pwm: float) -> None:
+    assert setpoint_from_input(thrust, 0.0, 0.0, 0.0, CF21).thrust == pwm
+
+
+@pytest.mark.parametrize("position", range(4))
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_what_is_not_finite_never_reaches_the_radio(position: int, bad: float) -> None:
+    values = [9.81, 0.0, 0.0, 0.0]
+    values[position] = bad
+    with pytest.raises(FlatsatError, match=f"{bad}.*must be finite"):
+        setpoint_from_input(*values, CF21)
+
+
+@given(
+    thrust=st.floats(0.0, CF21.thrust_max),
+    roll=angles,
+    pitch=angles,
+    rate=angles,
+    back_end=st.sampled_from(["cpp", "cflib"]),
+)
+def test_there_and_back(thrust: float, roll: float, pitch: float, rate: float, back_end: str) -> None:
+    setpoint = setpoint_from_input(thrust, roll, pitch, rate, CF21, back_end)
+    again = input_from_setpoint(setpoint, CF21, back_end)
+    assert again == pytest.approx((thrust, roll, pitch, rate), rel=1e-12, abs=1e-12)
