@@ -1,0 +1,264 @@
+"""The pilot: set-point flight on the ideal drone, lost poses, garbage, and the clock set back."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from flatsat_ros.core.certificate import Certificate
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.flatness import acceleration_from_input
+from flatsat_ros.core.gain import Tuning
+from flatsat_ros.core.pilot import Pilot, Tick
+from flatsat_ros.core.reference import Trajectory
+from flatsat_ros.core.supervisor import Mode, Policy
+
+CERTIFICATE = Certificate.load(Path(__file__).parents[2] / "config" / "paper_experiment.yaml")
+LIMITS = CERTIFICATE.limits
+POLICY = Policy(pose_timeout=0.3, level_time=2.0, unlock_time=0.3, ground_height=0.15, level_thrust=0.95)
+GOAL = [0.6, 0.6, 0.8]
+
+
+def tuning(mu: float = 2.0) -> Tuning:
+    return Tuning(mu, 0.05, 1.0, CERTIFICATE.gain_max)
+
+
+def require_within_limits(tick: Tick) -> None:
+    """Every command is finite and inside the limits of thrust, roll and pitch, whatever the mode."""
+    assert np.isfinite(tick.input).all()
+    assert np.isfinite(tick.yaw_rate).all()
+    assert (tick.input[:, 0] >= 0.0).all()
+    assert (tick.input[:, 0] <= LIMITS.thrust_max * (1.0 + 1e-12)).all()
+    assert (np.abs(tick.input[:, 1:]) <= LIMITS.tilt_max * (1.0 + 1e-9)).all()
+    assert (np.abs(tick.yaw_rate) <= 1.0).all()
+    assert not tick.input[np.isin(tick.mode, [Mode.IDLE, Mode.UNLOCK, Mode.CUT])].any()
+
+
+class World:
+    """Ideal drones on a floor at z = 0 with motion capture at 100 Hz and the pilot at 10 Hz."""
+
+    def __init__(self, count: int = 1, mu: float = 2.0, start: tuple[float, ...] = (-0.6, -0.6, 0.0)) -> None:
+        self.pilot = Pilot(CERTIFICATE, tuning(mu), POLICY, count)
+        self.x = np.tile([*start, 0.0, 0.0, 0.0], (count, 1))
+        self.yaw = np.zeros(count)
+        self.blind = np.zeros(count, dtype=bool)
+        self.steps = 0
+        self.offset = 0.0
+        self.ticks: list[Tick] = []
+
+    @property
+    def now(self) -> float:
+        return self.offset + 0.01 * self.steps
+
+    def fly(self, seconds: float) -> list[Tick]:
+        """Let time pass; return its ticks."""
+        ticks = []
+        for _ in range(round(100 * seconds)):
+            for i in np.flatnonzero(~self.blind):
+                half = float(self.yaw[i]) / 2.0
+                quaternion = (0.0, 0.0, math.sin(half), math.cos(half))
+                self.pilot.measure(int(i), self.now, tuple(self.x[i, :3]), quaternion, self.now)
+            if self.steps % 10 == 0:
+                ticks.append(self.pilot.tick(self.now))
+                require_within_limits(ticks[-1])
+                self.v = acceleration_from_input(ticks[-1].input, self.yaw)
+                self.v[ticks[-1].mode == Mode.IDLE] = 0.0  # somebody else holds it
+                self.rate = ticks[-1].yaw_rate
+            self.x[:, :3] += 0.01 * self.x[:, 3:] + 0.01**2 / 2.0 * self.v
+            self.x[:, 3:] += 0.01 * self.v
+            self.x[(self.x[:, 2] <= 0.0) & (self.x[:, 5] <= 0.0), 2:] *= 0.0
+            self.yaw += 0.01 * self.rate
+            self.steps += 1
+        return ticks
+
+
+def modes(ticks: list[Tick]) -> list[Mode]:
+    """The modes of drone 0, repetitions removed."""
+    sequence = [Mode(int(tick.mode[0])) for tick in ticks]
+    return [mode for mode, before in zip(sequence, [None, *sequence], strict=False) if mode is not before]
+
+
+def airborne(count: int = 1) -> World:
+    """Drones hovering at 1 m."""
+    world = World(count, start=(0.0, 0.0, 1.0))
+    for i in range(count):
+        world.pilot.refer(i, Trajectory.hold([0.0, 0.0, 1.0]))
+    world.fly(1.0)
+    assert (world.pilot.mode == Mode.FLY).all()
+    return world
+
+
+@pytest.mark.parametrize("mu", [0.0, 1.0, 2.0])
+def test_the_papers_set_point_flight_arrives(mu: float) -> None:
+    world = World(mu=mu)
+    assert modes(world.fly(0.5)) == [Mode.IDLE]
+    world.pilot.refer(0, Trajectory.hold(GOAL))
+    ticks = world.fly(12.0)
+    assert modes(ticks) == [Mode.UNLOCK, Mode.FLY]
+    assert np.linalg.norm(world.x[0, :3] - GOAL) < 0.01
+    assert ticks[-1].output.lyapunov[0] < 0.05
+    gains = [float(tick.output.gain[0]) for tick in ticks]
+    assert all(b >= a for a, b in itertools.pairwise(gains))
+    assert (gains[-1] > 2.0) == (mu > 0.0)
+
+
+def test_a_drone_without_reference_or_without_poses_is_left_alone() -> None:
+    world = World()
+    assert modes(world.fly(1.0)) == [Mode.IDLE]
+    world.blind[:] = True
+    world.fly(1.0)
+    world.pilot.refer(0, Trajectory.hold(GOAL))
+    assert modes(world.fly(2.0)) == [Mode.IDLE]
+    world.blind[:] = False
+    assert modes(world.fly(1.0))[-1] is Mode.FLY
+
+
+def test_a_drone_in_the_air_is_taken_over_without_a_motor_cut() -> None:
+    world = World(start=(0.0, 0.0, 1.0))
+    world.fly(0.3)
+    world.pilot.refer(0, Trajectory.hold([0.0, 0.0, 1.0]))
+    assert modes(world.fly(0.5)) == [Mode.FLY]
+
+
+def test_lost_poses_level_then_cut_and_only_a_new_reference_flies_again() -> None:
+    world = airborne()
+    world.blind[:] = True
+    ticks = world.fly(3.0)
+    assert modes(ticks) == [Mode.FLY, Mode.LEVEL, Mode.CUT]
+    level = [tick for tick in ticks if tick.mode[0] == Mode.LEVEL]
+    assert len(level) == 20
+    for tick in level:
+        assert tick.input[0].tolist() == [0.95 * 9.81, 0.0, 0.0]
+        assert tick.yaw_rate[0] == 0.0
+    world.blind[:] = False
+    assert modes(world.fly(2.0)) == [Mode.CUT]
+    world.pilot.refer(0, Trajectory.hold([0.0, 0.0, 1.0]))
+    assert modes(world.fly(6.0)) == [Mode.UNLOCK, Mode.FLY]
+    assert abs(world.x[0, 2] - 1.0) < 0.05
+
+
+def test_poses_that_come_back_in_time_let_it_fly_on() -> None:
+    world = airborne()
+    world.blind[:] = True
+    assert modes(world.fly(1.0)) == [Mode.FLY, Mode.LEVEL]
+    world.blind[:] = False
+    assert modes(world.fly(6.0)) == [Mode.LEVEL, Mode.FLY]
+    assert np.linalg.norm(world.x[0, :3] - [0.0, 0.0, 1.0]) < 0.05
+
+
+def test_gains_rest_while_a_drone_is_not_flying_and_start_anew_after_a_cut() -> None:
+    world = airborne()
+    world.pilot.refer(0, Trajectory.hold([0.8, 0.0, 1.0]))
+    world.fly(2.0)
+    gain = float(world.pilot.memory.gain[0])
+    assert gain > 1.5
+    world.blind[:] = True
+    for tick in world.fly(3.0):
+        if tick.mode[0] in (Mode.LEVEL, Mode.CUT):
+            assert world.pilot.memory.gain[0] == tick.output.gain[0]
+    assert world.pilot.memory.gain[0] < gain + 0.1
+    world.blind[:] = False
+    world.pilot.refer(0, Trajectory.hold([0.0, 0.0, 0.1]))
+    ticks = world.fly(0.7)
+    assert next(tick.output.gain[0] for tick in ticks if tick.mode[0] == Mode.FLY) == 1.0
+
+
+def test_one_drone_in_trouble_does_not_disturb_the_others() -> None:
+    alone, both = airborne(1), airborne(2)
+    for world in (alone, both):
+        world.pilot.refer(0, Trajectory.hold([0.5, 0.0, 1.2]))
+    both.blind[1] = True
+    for a, b in zip(alone.fly(5.0), both.fly(5.0), strict=True):
+        np.testing.assert_allclose(a.input[0], b.input[0], rtol=1e-9, atol=1e-12)
+        assert a.mode[0] == b.mode[0]
+    assert both.pilot.mode.tolist() == [Mode.FLY, Mode.CUT]
+    np.testing.assert_array_equal(both.pilot.last_input(), [[0.95 * 9.81, 0.0, 0.0], [0.0, 0.0, 0.0]])
+
+
+@pytest.mark.parametrize(("start", "goal"), [(0.0, 1.0), (0.0, -1.0), (3.0, -3.0), (-3.0, 3.0)])
+def test_the_yaw_turns_the_shorter_way_while_the_position_is_held(start: float, goal: float) -> None:
+    world = World(start=(0.0, 0.0, 1.0))
+    world.yaw[:] = start
+    world.fly(0.2)
+    world.pilot.refer(0, Trajectory.hold([0.0, 0.0, 1.0], goal))
+    world.fly(4.0)
+    way = (goal - start + math.pi) % (2.0 * math.pi) - math.pi
+    assert world.yaw[0] == pytest.approx(start + way, abs=0.02)
+    assert np.linalg.norm(world.x[0, :3] - [0.0, 0.0, 1.0]) < 0.01
+
+
+def test_a_reference_that_leaves_no_margin_is_refused_and_the_old_one_stays() -> None:
+    world, zero = airborne(), np.zeros((2, 3))
+    with pytest.raises(FlatsatError, match="fly it slower"):
+        world.pilot.refer(0, Trajectory.through([0.0, 0.5], [[0.0, 0.0, 1.0], [1.0, 0.0, 1.0]], zero, zero))
+    world.fly(2.0)
+    assert np.linalg.norm(world.x[0, :3] - [0.0, 0.0, 1.0]) < 0.01
+
+
+def test_a_new_tuning_acts_on_the_next_tick_and_a_bad_one_leaves_the_old() -> None:
+    world = airborne(2)
+    with pytest.raises(FlatsatError):
+        world.pilot.retune(Tuning(1.0, 0.05, 1.0, 100.0))
+    for i in range(2):
+        world.pilot.refer(i, Trajectory.hold([0.8, 0.0, 1.0]))
+    world.pilot.retune(Tuning([0.0, 5.0], 0.05, 1.0, CERTIFICATE.gain_max))
+    world.fly(1.0)
+    assert world.pilot.memory.gain[0] == 1.0
+    assert world.pilot.memory.gain[1] > 1.5
+    world.pilot.retune(Tuning(0.0, 0.05, 1.0, 1.2))
+    assert world.pilot.memory.gain.tolist() == [1.0, 1.2]
+
+
+@pytest.mark.parametrize("step", [-100.0, -1.0, 100.0])
+def test_a_stepping_clock_levels_the_drone_for_a_moment_only(step: float) -> None:
+    world = airborne()
+    world.pilot.refer(0, Trajectory.through(*[[world.now + 1.0, world.now + 9.0]], *ROUTE))
+    world.fly(3.0)
+    world.offset += step
+    ticks = world.fly(1.0)
+    assert modes(ticks)[-1] is Mode.FLY
+    assert len([tick for tick in ticks if tick.mode[0] == Mode.LEVEL]) <= 5
+
+
+ROUTE = ([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0]], np.zeros((2, 3)), np.zeros((2, 3)))
+
+
+def test_without_poses_a_clock_set_back_does_not_prolong_the_level_descent() -> None:
+    world = airborne()
+    world.blind[:] = True
+    world.fly(1.0)
+    assert world.pilot.mode[0] == Mode.LEVEL
+    world.offset -= 1000.0
+    world.fly(2.2)
+    assert world.pilot.mode[0] == Mode.CUT
+
+
+anything = st.one_of(st.floats(-3.0, 3.0), st.floats())
+garbage = st.tuples(
+    st.integers(0, 1),  # drone
+    st.one_of(st.floats(0.0, 0.2), st.floats(-5.0, 5.0)),  # how far the clock moves
+    st.one_of(st.just(0.0), st.floats(-0.2, 0.2), st.floats()),  # how far the stamp is off
+    st.tuples(anything, anything, anything),
+    st.tuples(anything, anything, anything, anything),
+)
+
+
+@settings(max_examples=60)
+@given(stream=st.lists(garbage, min_size=1, max_size=40))
+def test_no_garbage_makes_a_command_beyond_the_limits(stream: list[tuple]) -> None:
+    world = airborne(2)
+    now = world.now
+    for index, move, late, position, quaternion in stream:
+        now += move
+        world.pilot.measure(index, now + late, position, quaternion, now)
+        tick = world.pilot.tick(now)
+        require_within_limits(tick)
+        assert (tick.output.gain <= CERTIFICATE.gain_max).all()
+        fresh = now - world.pilot.estimator.newest <= POLICY.pose_timeout
+        assert fresh[tick.mode == Mode.FLY].all()
