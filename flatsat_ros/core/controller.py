@@ -55,9 +55,8 @@ class Controller:
                 in one period.
         """
         if (tuning.leak * certificate.period > 1.0).any():
-            raise FlatsatError(
-                f"leak (nu) = {tuning.leak.max():.6g} 1/s: must be at most 1/period = {1.0 / certificate.period:.6g} 1/s"
-            )
+            most = 1.0 / certificate.period
+            raise FlatsatError(f"leak (nu) = {tuning.leak.max():.6g} 1/s: must be at most 1/period = {most:.6g} 1/s")
         if (tuning.gain_max > certificate.gain_max).any():
             raise FlatsatError(
                 f"gain_max = {tuning.gain_max.max():.6g}: must be at most the certificate's {certificate.gain_max:.6g}"

@@ -21,6 +21,9 @@ from flatsat_ros.core.flatness import FloatArray, finite_array
 # How far outside V_c, relative to the limits, a base point may lie by rounding alone.
 _ROUNDING = 1e-12
 
+# The smallest float above 0, to divide by instead of 0.
+_TINY = math.ulp(0.0)
+
 
 @dataclass(frozen=True)
 class InputSet:
@@ -84,15 +87,15 @@ class InputSet:
 
         Args:
             v: (..., 3) acceleration, m/s^2, world frame.
-            erosion: m/s^2, at least 0 and below inner_radius: instead of V_c take { v : margin(v) >= erosion }, which is
-                V_c without a ball (Pontryagin difference). Each face moves in by as much.
+            erosion: m/s^2, at least 0 and below inner_radius: instead of V_c take { v : margin(v) >= erosion }, which
+                is V_c without a ball (Pontryagin difference). Each face moves in by as much.
 
         Returns:
             (...) dimensionless.
 
         Raises:
-            FlatsatError: the shape is wrong, an entry is not finite (NaN and infinity have no direction), or the erosion
-                leaves nothing over.
+            FlatsatError: the shape is wrong, an entry is not finite (NaN and infinity have no direction), or the
+                erosion leaves nothing over.
         """
         if not 0.0 <= erosion < self.inner_radius:
             raise FlatsatError(
@@ -146,34 +149,37 @@ class InputSet:
         base = finite_array("base", base, 3)
         v = finite_array("v", v, 3)
         p1, p2, up = base[..., 0], base[..., 1], base[..., 2] + self.gravity
-        radius = np.hypot(p1, p2)
+        slope = math.tan(self.tilt_max)
+        radius, reach = np.hypot(p1, p2), slope * up
         thrust = np.hypot(radius, up)
-        margin = self._distance(radius, up, thrust)
-        if np.count_nonzero(margin < -_ROUNDING * self.thrust_max):
-            worst = base.reshape(-1, 3)[int(np.argmin(margin))]
+        # what is left to the sphere, the cone and the floor
+        below, within, above = self.thrust_max - thrust, reach - radius, up - self.thrust_min
+        left = np.minimum(np.minimum(below, within), above)
+        if np.count_nonzero(left < -_ROUNDING * self.thrust_max):
+            worst = base.reshape(-1, 3)[int(np.argmin(left))]
             raise FlatsatError(
-                f"base = {worst.tolist()} m/s^2 lies outside the input set by {-float(margin.min()):.6g} m/s^2: "
+                f"base = {worst.tolist()} m/s^2 lies outside the input set by {-float(self.margin(worst)):.6g} m/s^2: "
                 "it must be inside"
             )
         scale, v1, v2, v3 = _scaled(v)
-        slope = math.tan(self.tilt_max)
-        reach, rise = slope * up, slope * v3
+        rise = slope * v3
         horizontal = v1 * v1 + v2 * v2
         along = p1 * v1 + p2 * v2
 
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
             a, b = horizontal + v3 * v3, along + up * v3
-            c = np.maximum(self.thrust_max - thrust, 0.0) * (self.thrust_max + thrust)
+            c = np.maximum(below, 0.0) * (self.thrust_max + thrust)
             sphere = _reciprocal_root(a, b, c, b * b + a * c)
 
             # b^2 + a c with its equal terms cancelled by hand
             turn, m1, m2 = p1 * v2 - p2 * v1, reach * v1 - rise * p1, reach * v2 - rise * p2
-            c = np.maximum(reach - radius, 0.0) * (reach + radius)
+            a, b = np.maximum(horizontal - rise * rise, 0.0), along - reach * rise
+            c = np.maximum(within, 0.0) * (reach + radius)
             discriminant = np.maximum(m1 * m1 + m2 * m2 - turn * turn, 0.0)
-            cone = _reciprocal_root(horizontal - rise * rise, along - reach * rise, c, discriminant)
+            cone = _reciprocal_root(a, b, c, discriminant)
 
-            floor = np.where(v3 < 0.0, -v3 / np.maximum(up - self.thrust_min, 0.0), 0.0)
-            # fmax: NaN, no exit, counts as 0
+            floor = (0.0 - v3) / np.maximum(above, _TINY)
+            # never NaN, so that NaN, no exit, counts as 0; negative upward, where sphere is above 0
             return np.asarray(1.0 / (np.fmax(np.fmax(sphere, cone), floor) * scale))
 
     def margin(self, v: ArrayLike) -> FloatArray:
@@ -192,12 +198,19 @@ class InputSet:
         """
         v = finite_array("v", v, 3)
         radius, up = np.hypot(v[..., 0], v[..., 1]), v[..., 2] + self.gravity
-        return self._distance(radius, up, np.hypot(radius, up))
-
-    def _distance(self, radius: FloatArray, up: FloatArray, thrust: FloatArray) -> FloatArray:
-        """Return the margin of v, given |(v1, v2)|, v3 + g and |v + g e3|."""
         cone = up * math.sin(self.tilt_max) - radius * math.cos(self.tilt_max)
-        return np.asarray(np.minimum(np.minimum(cone, self.thrust_max - thrust), up - self.thrust_min))
+        return np.asarray(np.minimum(np.minimum(cone, self.thrust_max - np.hypot(radius, up)), up - self.thrust_min))
+
+    def nearest_limit(self, v: ArrayLike) -> str:
+        """Return the name of the limit that is nearest to one acceleration v (3,), m/s^2."""
+        v = finite_array("v", v, 3)
+        radius, up = math.hypot(v[0], v[1]), float(v[2]) + self.gravity
+        distances = {
+            "tilt_max": up * math.sin(self.tilt_max) - radius * math.cos(self.tilt_max),
+            "thrust_max": self.thrust_max - math.hypot(radius, up),
+            "thrust_min": up - self.thrust_min,
+        }
+        return min(distances, key=lambda name: distances[name])
 
     @property
     def inner_radius(self) -> float:
@@ -232,8 +245,9 @@ class InputSet:
 def _scaled(v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Split v into its largest absolute entry and the entries divided by it, so that no square over- or underflows."""
     size = np.abs(v)
-    scale = np.maximum(np.maximum(size[..., 0], size[..., 1]), size[..., 2])  # a max over so short an axis is slow
-    scaled = v / np.where(scale > 0.0, scale, 1.0)[..., np.newaxis]
+    # entry by entry, for a max over so short an axis is slow; above 0 also for v = 0
+    scale = np.maximum(np.maximum(size[..., 0], size[..., 1]), np.maximum(size[..., 2], _TINY))
+    scaled = v / scale[..., np.newaxis]
     return scale, scaled[..., 0], scaled[..., 1], scaled[..., 2]
 
 
@@ -241,8 +255,8 @@ def _reciprocal_root(a: FloatArray, b: FloatArray, c: FloatArray, discriminant: 
     """Return 1/l for the smallest l > 0 with a l^2 + 2 b l - c = 0, c >= 0; 0 or NaN where there is none.
 
     With D the root of the discriminant b^2 + a c, the two forms (b + D)/c and a/(D - b) are equal; each is used where
-    it does not cancel. c = 0 is a base on the boundary: the exit is immediate (infinite) unless the direction points
-    inward (b < 0) or along a ruling (a <= 0 = b).
+    it does not cancel. A negative a serves in the first only and is given as 0. c = 0 is a base on the boundary: the
+    exit is immediate (infinite) unless the direction points inward (b < 0) or along a ruling (a <= 0 = b).
     """
     size = np.abs(b) + np.sqrt(discriminant)
-    return np.where(b > 0.0, size / c, np.maximum(a, 0.0) / size)
+    return np.where(b > 0.0, size / c, a / size)

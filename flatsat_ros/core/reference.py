@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +26,21 @@ _REST = 1e-3
 _PIECES = 8
 
 _POWERS = np.arange(6)
+
+
+class Margin(NamedTuple):
+    """How near a path's acceleration comes to the limits.
+
+    Attributes:
+        distance: to the boundary of the input set, m/s^2, a lower bound; negative: the set is left, or the bound is too
+            coarse to exclude it.
+        time: at which the piece that comes so near begins, s.
+        limit: the limit it comes near to: tilt_max, thrust_max or thrust_min.
+    """
+
+    distance: float
+    time: float
+    limit: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,39 +129,41 @@ class Trajectory:
         coefficients, origin, _ = self.segment(t)
         return np.asarray(evaluate(coefficients[np.newaxis], np.array([t - origin]))[0])
 
-    def margin(self, limits: InputSet) -> tuple[float, float]:
-        """Return a lower bound of the acceleration's distance to the boundary of the input set, and where it is.
+    def margin(self, limits: InputSet) -> Margin:
+        """Return a lower bound of the acceleration's distance to the boundary of the input set.
 
         The acceleration of each piece lies in the convex hull of its Bernstein control points and the distance is a
-        concave function, so the smallest over the control points is a bound for all times.
-
-        Returns:
-            The margin, m/s^2 (negative: the set is left, or the bound is too coarse to exclude it), and the time, s, at
-            which the piece that has it begins.
+        concave function, so the smallest over the control points is a bound for all times. With a margin m the law has
+        an applied gain of at least 1 wherever |B'P xi| <= m (docs/mathematics.md).
         """
-        smallest, when = float(limits.margin(np.zeros(3))), float(self.times[0])
+        rest = np.zeros(3)
+        tightest = Margin(limits.inner_radius, float(self.times[0]), limits.nearest_limit(rest))
         edges = np.linspace(0.0, 1.0, _PIECES + 1)
         scale = np.array([2.0, 6.0, 12.0, 20.0]).reshape(4, 1)
         for start, span, c in zip(self.times, np.diff(self.times), self.coefficients, strict=False):
             powers = c[2:] * scale * np.power(span, np.arange(4.0)).reshape(4, 1)
             for left, right in itertools.pairwise(edges):
-                margin = float(limits.margin(bernstein_coefficients(powers, float(left), float(right))).min())
-                if margin < smallest:
-                    smallest, when = margin, float(start + left * span)
-        return smallest, when
+                points = bernstein_coefficients(powers, float(left), float(right))
+                distances = limits.margin(points)
+                worst = int(distances.argmin())
+                if distances[worst] < tightest.distance:
+                    nearest = limits.nearest_limit(points[worst])
+                    tightest = Margin(float(distances[worst]), float(start + left * span), nearest)
+        return tightest
 
-    def require_margin(self, limits: InputSet) -> None:
-        """Refuse a path whose acceleration may reach the boundary of the input set: nothing would be left to steer.
+    def require_margin(self, limits: InputSet) -> float:
+        """Return the margin, m/s^2, refusing a path that may use up the input set: nothing would be left to steer.
 
         Raises:
-            FlatsatError: names the time and by how much.
+            FlatsatError: names the time, the limit and by how much.
         """
-        margin, when = self.margin(limits)
-        if margin <= 0.0:
+        tightest = self.margin(limits)
+        if tightest.distance <= 0.0:
             raise FlatsatError(
-                f"the reference's acceleration is within {margin:.4g} m/s^2 of the input limits at t = {when:.4g} s: "
-                "the margin must be above 0; fly it slower"
+                f"the reference's margin to {tightest.limit} = {getattr(limits, tightest.limit):.4g} is "
+                f"{tightest.distance:.4g} m/s^2 at t = {tightest.time:.4g} s: must be above 0; fly it slower"
             )
+        return tightest.distance
 
 
 class References:

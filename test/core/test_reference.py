@@ -88,7 +88,7 @@ def test_a_shifted_path_is_the_same_path_later(rows: Points, offset: float, t: f
 @given(rows=points)
 def test_the_margin_is_below_the_margin_anywhere_on_the_path_and_not_far_below(rows: Points) -> None:
     trajectory = through(rows)
-    margin, when = trajectory.margin(LIMITS)
+    margin, when, _ = trajectory.margin(LIMITS)
     times = np.linspace(trajectory.times[0], trajectory.times[-1], 201)
     smallest = min(float(LIMITS.margin(trajectory.sample(float(t))[6:])) for t in times)
     swing = float(LIMITS.margin(np.zeros(3))) - smallest
