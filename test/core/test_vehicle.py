@@ -72,6 +72,8 @@ def test_lag_is_the_slowest_of_attitude_and_thrust(name: str) -> None:
         ({"motors.bits": 8.0}, "int"),
         ({"motors.bits": 17}, "1 to 16"),
         ({"motors.idle_pwm": 1e6}, "65535"),
+        ({"motors.force_min": -0.1}, "force_min"),
+        ({"dynamics.attitude.actuator_lag": -0.1}, "actuator_lag"),
         ({"motors.arming_required": "no"}, "bool"),
         ({"motors.voltage_to_force": [0.0, 1.0]}, "list of 4"),
         ({"motors.voltage_to_force": [0.0, 0.1, -0.1, 0.01]}, "increases"),
