@@ -3,14 +3,12 @@
 Sources are those of release 2026.08. Times are those of a real drone: the supervisor looks every 40 ms.
 """
 
-import dataclasses
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.sim.dynamics import GRAVITY
 from flatsat_ros.sim.firmware import SUPERVISOR_PERIOD, TRANSITIONS, Firmware, State
@@ -400,19 +398,3 @@ def test_supervisor_info_is_the_bit_field_of_the_log_variable() -> None:
 def test_every_state_but_locked_can_be_left() -> None:
     """supervisor_state_machine.c transitionLists."""
     assert {origin for origin, _, _ in TRANSITIONS} == set(State) - {State.LOCKED}
-
-
-@pytest.mark.parametrize("sent", [-1.0, 65536.0, math.nan, math.inf])
-def test_a_thrust_that_no_packet_can_carry_is_refused(sent: float) -> None:
-    with pytest.raises(FlatsatError, match="65535"):
-        flying().command(0, 0.0, 0.0, 0.0, sent)
-    with pytest.raises(FlatsatError, match="65535"):
-        flying().firmware.receive(0, 0.0, 0.0, 0.0, sent, 0)
-
-
-def test_a_user_profile_may_clip_lower() -> None:
-    fleet = SimulatedFleet(
-        dataclasses.replace(CF21, pwm_max=50000.0), 1, dynamics="ideal", start=[[0, 0, 9]], flying=True
-    )
-    stream(fleet, 0.1, 60000.0)
-    assert fleet.bodies.thrust[0] == pytest.approx(CF21.thrust_from_pwm(50000.0))

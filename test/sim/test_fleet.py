@@ -1,5 +1,6 @@
 """Laws of the simulated fleet as a whole."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -300,3 +301,20 @@ def test_time_does_not_run_backward_and_strangers_are_refused() -> None:
         fleet.command(1, 0.0, 0.0, 0.0, 0.0)
     with pytest.raises(FlatsatError, match="index"):
         fleet.reboot(-1)
+
+
+@pytest.mark.parametrize("sent", [-1.0, 65536.0, np.nan, np.inf])
+def test_a_thrust_that_no_packet_can_carry_is_refused(sent: float) -> None:
+    fleet = SimulatedFleet(CF21, 1)
+    with pytest.raises(FlatsatError, match="65535"):
+        fleet.command(0, 0.0, 0.0, 0.0, sent)
+    with pytest.raises(FlatsatError, match="65535"):
+        fleet.firmware.receive(0, 0.0, 0.0, 0.0, sent, 0)
+
+
+def test_a_profile_may_clip_the_thrust_lower() -> None:
+    profile = dataclasses.replace(CF21, pwm_max=50000.0)
+    fleet = SimulatedFleet(profile, 1, dynamics="ideal", start=[[0, 0, 9]], flying=True)
+    fleet.command(0, 0.0, 0.0, 0.0, 60000.0)
+    fleet.advance_to(0.1)
+    assert fleet.bodies.thrust[0] == pytest.approx(CF21.thrust_from_pwm(50000.0))
