@@ -26,6 +26,8 @@ _REST = 1e-3
 _PIECES = 8
 
 _POWERS = np.arange(6)
+# what differentiating t^2 .. t^5 twice multiplies by
+_SECOND_DERIVATIVE = np.array([2.0, 6.0, 12.0, 20.0]).reshape(4, 1)
 
 
 class Margin(NamedTuple):
@@ -136,19 +138,23 @@ class Trajectory:
         concave function, so the smallest over the control points is a bound for all times. With a margin m the law has
         an applied gain of at least 1 wherever |B'P xi| <= m (docs/mathematics.md).
         """
-        rest = np.zeros(3)
-        tightest = Margin(limits.inner_radius, float(self.times[0]), limits.nearest_limit(rest))
-        edges = np.linspace(0.0, 1.0, _PIECES + 1)
-        scale = np.array([2.0, 6.0, 12.0, 20.0]).reshape(4, 1)
-        for start, span, c in zip(self.times, np.diff(self.times), self.coefficients, strict=False):
-            powers = c[2:] * scale * np.power(span, np.arange(4.0)).reshape(4, 1)
-            for left, right in itertools.pairwise(edges):
-                points = bernstein_coefficients(powers, float(left), float(right))
-                distances = limits.margin(points)
-                worst = int(distances.argmin())
-                if distances[worst] < tightest.distance:
-                    nearest = limits.nearest_limit(points[worst])
-                    tightest = Margin(float(distances[worst]), float(start + left * span), nearest)
+        tightest = Margin(limits.inner_radius, float(self.times[0]), limits.nearest_limit(np.zeros(3)))
+        span = np.diff(self.times)
+        if span.size == 0:
+            return tightest
+        # a(t) of every segment in powers of (t - start) / span
+        powers = (self.coefficients[:, 2:] * _SECOND_DERIVATIVE).transpose(1, 0, 2)
+        powers = powers * np.power(span, np.arange(4.0)[:, np.newaxis])[..., np.newaxis]
+        for left, right in itertools.pairwise(np.linspace(0.0, 1.0, _PIECES + 1)):
+            points = bernstein_coefficients(powers, float(left), float(right))
+            distances = limits.margin(points)
+            control, segment = np.unravel_index(int(distances.argmin()), distances.shape)
+            if distances[control, segment] < tightest.distance:
+                tightest = Margin(
+                    float(distances[control, segment]),
+                    float(self.times[segment] + left * span[segment]),
+                    limits.nearest_limit(points[control, segment]),
+                )
         return tightest
 
     def require_margin(self, limits: InputSet) -> float:
