@@ -10,6 +10,7 @@ import os
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,9 @@ from flatsat_ros.core import lyapunov
 from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.input_set import InputSet
+from flatsat_ros.core.loop import Timing
+from flatsat_ros.core.robust import Robust
+from flatsat_ros.core.sets import Sets
 
 FORMAT = 1
 
@@ -29,17 +33,24 @@ _ROUNDING = 1e-9
 _HEADER = """\
 # A flatsat_ros certificate. Written by synthesis, verified on load: edit the inputs, not the figures.
 # limits: thrust_max T_max and thrust_min m/s^2 (normalised by the mass), tilt_max eps_max rad, gravity g m/s^2
-# lyapunov: V = xi' P xi, xi = (position error m, velocity error m/s); P = block (x) I3; V' <= -rate V, rate alpha 1/s
+# lyapunov: V(xi) = xi' P xi, xi = (position error m, velocity error m/s); block is that of P for x and for y,
+#   block_vertical for z (null: the same); V' <= -rate V in continuous time, rate alpha 1/s
 # invariant_set: V <= level (eps) implies |B'P xi|^2 <= ball (rho, m^2/s^4), a ball inside the input set
-# sampling: command held for period h s; V does not grow for applied gains in [gain_min, gain_max]; gain_max caps gamma
+# sampling: command held for period h s, lag tau s, delay d s; V does not grow for applied gains in
+#   [gain_min, gain_max]: gain_max caps gamma, gain_min is the smallest kappa whose kappa-sets are certified
+# loop: W per axis for z = (p, v[, a], past commands) takes the place of V (null: neither lag nor delay)
+# robust: against drift m/s and push m/s^2, each (x and y, z); rate beta 1/s, box vbar m/s^2; the sampled loop never
+#   leaves V <= floor; share p of a period's growth is the disturbance's (null: nothing is certified)
 """
 
 _SCHEMA: dict[str, tuple[str, ...]] = {
     "limits": ("thrust_max", "tilt_max", "gravity", "thrust_min"),
-    "lyapunov": ("rate", "block", "matrix"),
+    "lyapunov": ("rate", "block", "block_vertical", "matrix"),
     "invariant_set": ("ball", "level"),
-    "sampling": ("period", "gain_min", "gain_max"),
+    "sampling": ("period", "lag", "delay", "gain_min", "gain_max"),
 }
+_LOOP = ("horizontal", "vertical")
+_ROBUST = ("rate", "drift", "push", "box", "floor", "share")
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,12 +61,19 @@ class Certificate:
         name: what the user calls it.
         limits: the input set V_c.
         rate: alpha, 1/s; in continuous time V' <= -alpha V on the invariant set for every gain gamma >= 1.
-        block: (2, 2) symmetric block of P = block (x) I3; V in (m, m/s).
+        block: (2, 2) symmetric block of P for x and for y; V in (m, m/s).
         ball: rho, m^2/s^4; the ball |v|^2 <= rho lies in V_c.
         level: eps; E = { V <= eps } is invariant and the constraints hold.
         period: h, s; the command is held constant in between.
-        gain_min, gain_max: applied gains for which V does not increase at or between samples (zero-order hold).
+        gain_min, gain_max: applied gains for which V does not increase at or between samples or, with a lag or a
+            delay, the function of `loop` does not at samples.
         provenance: how it came about: package version, inputs, solver, residuals. Free-form, for people.
+        block_vertical: (2, 2) block of P for z; None for the same as `block`.
+        lag: tau, s, of the achieved acceleration.
+        delay: d, s, from the command to its first effect.
+        loop: (n, n) W for x and for y, see `core.loop`; None without lag and delay, where P serves.
+        loop_vertical: (n, n) W for z; None for the same as `loop`.
+        robust: what holds under disturbances, if anything is claimed.
 
     Raises:
         FlatsatError: a value is missing, of the wrong shape or not finite. Inequalities are checked by `verify`.
@@ -71,6 +89,12 @@ class Certificate:
     gain_min: float
     gain_max: float
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    block_vertical: FloatArray | None = None
+    lag: float = 0.0
+    delay: float = 0.0
+    loop: FloatArray | None = None
+    loop_vertical: FloatArray | None = None
+    robust: Robust | None = None
 
     def __post_init__(self) -> None:
         units = {
@@ -78,31 +102,93 @@ class Certificate:
         }  # fmt: skip
         for name, unit in units.items():
             object.__setattr__(self, name, lyapunov.require_positive(name, getattr(self, name), unit))
-        block = _matrix("block", self.block, 2)
-        block.setflags(write=False)
-        object.__setattr__(self, "block", block)
+        timing = self.timing
+        if timing.immediate and (self.loop is not None or self.loop_vertical is not None):
+            raise FlatsatError("loop is given, but neither lag nor delay: P itself must prove the gains then")
+        if not timing.immediate and self.loop is None:
+            raise FlatsatError(f"loop is missing: lag = {timing.lag} s and delay = {timing.delay} s need one")
+        sizes = {"block": 2, "block_vertical": 2, "loop": timing.size, "loop_vertical": timing.size}
+        for name, size in sizes.items():
+            if name == "block" or getattr(self, name) is not None:
+                matrix = _matrix(name, getattr(self, name), size)
+                matrix.setflags(write=False)
+                object.__setattr__(self, name, matrix)
+
+    @property
+    def blocks(self) -> tuple[FloatArray, FloatArray]:
+        """The blocks of P: of x and of y, and of z."""
+        return self.block, self.block if self.block_vertical is None else self.block_vertical
+
+    @property
+    def loops(self) -> tuple[FloatArray, FloatArray]:
+        """What never grows at samples: W of x and of y, and of z; the blocks of P without lag and delay."""
+        if self.loop is None:
+            return self.blocks
+        return self.loop, self.loop if self.loop_vertical is None else self.loop_vertical
 
     @property
     def matrix(self) -> FloatArray:
         """The Lyapunov matrix P, (6, 6), for xi = (x, y, z, xdot, ydot, zdot)."""
-        return np.asarray(np.kron(self.block, np.eye(3)), dtype=np.float64)
+        sides, upright = self.blocks
+        matrix = np.kron(sides, np.diag([1.0, 1.0, 0.0])) + np.kron(upright, np.diag([0.0, 0.0, 1.0]))
+        return np.asarray(matrix, dtype=np.float64)
+
+    @property
+    def timing(self) -> Timing:
+        """Period, lag and delay."""
+        return Timing(self.period, self.lag, self.delay)
+
+    @cached_property
+    def sets(self) -> Sets:
+        """The certified sets: of xi, and with a lag or a delay of z."""
+        (sides, upright), (loop, loop_vertical) = self.blocks, self.loops
+        return Sets(
+            limits=self.limits,
+            horizontal=loop,
+            vertical=loop_vertical,
+            slope_horizontal=_slope(loop, sides),
+            slope_vertical=_slope(loop_vertical, upright),
+            level=self.level,
+            gain_min=self.gain_min,
+            floor=self.robust.floor if self.robust is not None else 0.0,
+        )
 
     def margins(self) -> dict[str, float]:
         """Return by how much, relatively, each inequality of the certificate holds; negative ones fail."""
-        holds = np.linalg.eigvalsh(self.block)
-        margins = {"P is positive definite": float(holds[0] / abs(holds).max())}
-        if margins["P is positive definite"] <= 0.0:
+        immediate, robust = self.timing.immediate, self.robust
+        axes = list(zip(self.blocks, self.loops, (" for x, y", " for z"), strict=True))
+        if robust is None and self.block_vertical is None and self.loop_vertical is None:
+            axes = [(self.block, self.loops[0], "")]
+        margins = {}
+        for block, loop, axis in axes:
+            for name, matrix in (("P", block), ("W", loop))[: 1 if immediate else 2]:
+                holds = np.linalg.eigvalsh(matrix)
+                margins[f"{name} is positive definite{axis}"] = float(holds[0] / abs(holds).max())
+        if min(margins.values()) <= 0.0:
             return margins
-        eta_per_level = float(self.block[1] @ np.linalg.solve(self.block, self.block[1]))
         margins |= {
-            "A'P + P A - 2 P B B'P + alpha P <= 0": -lyapunov.decay_residual(self.block, self.rate),
             "the ball |v|^2 <= rho lies in the input set": 1.0 - math.sqrt(self.ball) / self.limits.inner_radius,
-            "V <= eps implies |B'P xi|^2 <= rho": 1.0 - self.level * eta_per_level / self.ball,
             "gain_min <= 1": 1.0 - self.gain_min,
             "1 <= gain_max": self.gain_max - 1.0,
         }
-        for gain, name in ((self.gain_min, "gain_min"), (self.gain_max, "gain_max")):
-            margins[f"V does not grow during a period at {name}"] = -lyapunov.hold_growth(self.block, self.period, gain)
+        for number, (block, loop, axis) in enumerate(axes):
+            margins[f"A'P + P A - 2 P B B'P + alpha P <= 0{axis}"] = -lyapunov.decay_residual(block, self.rate)
+            for name, matrix in (("V", block), ("W", loop))[: 1 if immediate else 2]:
+                reach = self.level * _slope(matrix, block) / self.ball
+                margins[f"{name} <= eps implies |B'P xi|^2 <= rho{axis}"] = 1.0 - reach
+            for gain, name in ((self.gain_min, "gain_min"), (self.gain_max, "gain_max")):
+                if immediate:
+                    growth = lyapunov.hold_growth(block, self.period, gain)
+                    margins[f"V does not grow during a period at {name}{axis}"] = -growth
+                else:
+                    growth = self.timing.contraction(loop, block, gain) - 1.0
+                    margins[f"W does not grow over a period at {name}{axis}"] = -growth
+                if robust is not None:
+                    growth = robust.growth(self.timing, number, loop, block, gain)
+                    margins[f"disturbed, V <= max(V, s) after a period at {name}{axis}"] = -growth
+        if robust is not None:
+            margins |= robust.margins(self.limits, self.blocks)
+            margins["s <= eps"] = 1.0 - robust.floor / self.level
         return margins
 
     def verify(self) -> dict[str, float]:
@@ -116,7 +202,7 @@ class Certificate:
         """
         margins = self.margins()
         for name, margin in margins.items():
-            if not margin >= -_ROUNDING or (name == "P is positive definite" and margin <= 0.0):
+            if not margin >= -_ROUNDING or ("is positive definite" in name and margin <= 0.0):
                 raise FlatsatError(f"certificate {self.name!r}: '{name}' fails by {-margin:.6g} (relative): must hold")
         return margins
 
@@ -143,7 +229,8 @@ class Certificate:
     @classmethod
     def from_document(cls, document: object) -> Certificate:
         """Build a certificate from the parsed YAML document, refusing whatever is not exactly its form."""
-        root = _section("the certificate", document, ("flatsat_certificate", "name", *_SCHEMA, "provenance"))
+        keys = ("flatsat_certificate", "name", *_SCHEMA, "loop", "robust", "provenance")
+        root = _section("the certificate", document, keys)
         if root["flatsat_certificate"] != FORMAT or isinstance(root["flatsat_certificate"], bool):
             raise FlatsatError(f"flatsat_certificate = {root['flatsat_certificate']!r}: this version reads {FORMAT}")
         if not isinstance(root["name"], str) or not root["name"]:
@@ -151,28 +238,46 @@ class Certificate:
         if not isinstance(root["provenance"], dict):
             raise FlatsatError("provenance: must be a mapping")
         limits, decay, invariant, sampling = (_section(key, root[key], keys) for key, keys in _SCHEMA.items())
+        loop = dict.fromkeys(_LOOP) if root["loop"] is None else _section("loop", root["loop"], _LOOP)
+        robust = None if root["robust"] is None else Robust(**_section("robust", root["robust"], _ROBUST))
         certificate = cls(
             name=root["name"],
             limits=InputSet(**limits),
             rate=decay["rate"],
             block=_matrix("lyapunov.block", decay["block"], 2),
+            block_vertical=decay["block_vertical"],
             **invariant,
             **sampling,
+            loop=loop["horizontal"],
+            loop_vertical=loop["vertical"],
+            robust=robust,
             provenance=root["provenance"],
         )
         matrix = _matrix("lyapunov.matrix", decay["matrix"], 6)
         difference = float(np.abs(matrix - certificate.matrix).max())
         if difference > _ROUNDING * float(np.abs(matrix).max()):
-            raise FlatsatError(f"lyapunov.matrix differs from block (x) I3 by {difference:.6g}: they must be equal")
+            raise FlatsatError(f"lyapunov.matrix differs from that of its blocks by {difference:.6g}: must be equal")
         return certificate
 
     def to_document(self) -> dict[str, Any]:
         """Return the certificate as plain lists, numbers and strings, the form of the YAML file."""
+
+        def plain(matrix: FloatArray | None) -> list[list[float]] | None:
+            return None if matrix is None else matrix.tolist()
+
+        loop = {"horizontal": plain(self.loop), "vertical": plain(self.loop_vertical)}
         values = {
             "limits": {key: getattr(self.limits, key) for key in _SCHEMA["limits"]},
-            "lyapunov": {"rate": self.rate, "block": self.block.tolist(), "matrix": self.matrix.tolist()},
+            "lyapunov": {
+                "rate": self.rate,
+                "block": self.block.tolist(),
+                "block_vertical": plain(self.block_vertical),
+                "matrix": self.matrix.tolist(),
+            },
             "invariant_set": {key: getattr(self, key) for key in _SCHEMA["invariant_set"]},
             "sampling": {key: getattr(self, key) for key in _SCHEMA["sampling"]},
+            "loop": None if self.loop is None else loop,
+            "robust": None if self.robust is None else self.robust.to_document(),
         }
         return {"flatsat_certificate": FORMAT, "name": self.name, **values, "provenance": dict(self.provenance)}
 
@@ -198,6 +303,13 @@ class Certificate:
             if temporary is not None:
                 Path(temporary).unlink(missing_ok=True)
             raise FlatsatError(f"certificate {os.fspath(path)!r} cannot be written: {error}") from error
+
+
+def _slope(metric: FloatArray, block: FloatArray) -> float:
+    """Return the largest |B'P x|^2 of one axis per unit of x'P x, or of z'W z; metric is P or W."""
+    feedback = np.zeros(len(metric))
+    feedback[:2] = block[1]
+    return float(feedback @ np.linalg.solve(metric, feedback))
 
 
 def _section(name: str, value: object, keys: tuple[str, ...]) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.metadata import version
 from typing import Any
 
 import cvxpy as cp
@@ -22,6 +21,7 @@ from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.lyapunov import closed_form_block, hold_gain_interval, require_positive
+from flatsat_ros.synthesis.solver import solve, solver_name
 
 # Largest relative difference between the solver's answer and the closed form; the solver stops at about 1e-8.
 TOLERANCE = 1e-6
@@ -101,7 +101,7 @@ def synthesize(
             "package": f"flatsat_ros {flatsat_ros.__version__}",
             "method": "closed form, cross-checked by semidefinite programs",
             "inputs": dict(inputs or {}),
-            "solver": f"Clarabel {version('clarabel')} with cvxpy {version('cvxpy')}",
+            "solver": solver_name(),
             "cross_check": _cross_check(block, rate, ball),
         },
     )
@@ -149,7 +149,7 @@ def solve_decay(rate: float) -> FloatArray:
     scaled = cp.Variable((6, 6), symmetric=True)
     Q = inverse_units @ scaled @ inverse_units
     condition = Q @ _A.T + _A @ Q - 2.0 * _B @ _B.T + rate * Q
-    _solve("decay", cp.Problem(cp.Maximize(cp.trace(scaled)), [scaled >> 0, units @ condition @ units / rate << 0]))
+    solve("decay", cp.Problem(cp.Maximize(cp.trace(scaled)), [scaled >> 0, units @ condition @ units / rate << 0]))
     return np.asarray(inverse_units @ scaled.value @ inverse_units, dtype=np.float64)
 
 
@@ -169,22 +169,10 @@ def solve_level(matrix: FloatArray, rate: float, ball: float) -> float:
     inverse_units = np.linalg.inv(_units(rate))
     # the two diagonal blocks of the paper's matrix; level is in units of rho / alpha, tau in units of 1 / alpha
     state = inverse_units @ (matrix - tau / rate * gradient @ gradient.T) @ inverse_units
-    _solve("level", cp.Problem(cp.Maximize(level), [state >> 0, tau - level >= 0]))
+    solve("level", cp.Problem(cp.Maximize(level), [state >> 0, tau - level >= 0]))
     return float(level.value) * ball / rate
 
 
 def _units(rate: float) -> FloatArray:
     """Return the scaling (6, 6) of the state after which P and Q have entries of order 1 for every rate."""
     return np.asarray(np.kron(np.diag([rate**1.5, rate**0.5]), np.eye(3)), dtype=np.float64)
-
-
-def _solve(name: str, problem: cp.Problem) -> None:
-    """Solve to optimality; anything less is an error and not a statement about the program."""
-    try:
-        problem.solve(solver=cp.CLARABEL)
-    except cp.error.SolverError as error:
-        raise FlatsatError(
-            f"the solver failed on the {name} program (which does not make it infeasible): {error}"
-        ) from error
-    if problem.status != cp.OPTIMAL:
-        raise FlatsatError(f"the solver reports {problem.status!r} for the {name} program: must be 'optimal'")

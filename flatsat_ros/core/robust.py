@@ -1,0 +1,113 @@
+"""What a certificate says about disturbances.
+
+    xi' = A xi + B v + E w,   w'w <= 1,   E = diag(drift, drift, drift_z, push, push, push_z)
+
+Drift (unmatched) moves the position, m/s; push (matched) adds to the acceleration, m/s^2. In continuous time
+Q A' + A Q - 2 B B' + beta Q + E E'/beta <= 0, Q = P^-1, makes V' <= beta (w'w - V) wherever the applied gain is at
+least 1 (arXiv 2308.15177, eq. 28b, whose relation is not printed), so that E_w = { V <= 1 } is never left and attracts.
+
+The sampled loop gathers over a period an additional d with d d' <= D = h int_0^h e^(As) E E' e^(A's) ds whatever w does
+(Cauchy-Schwarz). With M(k) Q M(k)'/(1 - p) + D/(p s) <= Q for some 0 < p < 1 at the ends of the gain interval, and by
+convexity inside it, V+ <= max(V, s) at the samples: { V <= s } takes the place of E_w. Because the three axes share p,
+V_h+ <= max(V_h, s) and V_v+ <= max(V_v, s) too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.flatness import FloatArray, finite_array
+from flatsat_ros.core.input_set import InputSet
+from flatsat_ros.core.loop import Timing
+from flatsat_ros.core.lyapunov import largest_relative_eigenvalue, require_positive
+
+
+@dataclass(frozen=True, eq=False)
+class Robust:
+    """The robust part of a certificate; pairs are (x and y, z).
+
+    Attributes:
+        rate: beta, 1/s.
+        drift: (2,) at least 0, m/s: E E' has their squares on the positions.
+        push: (2,) at least 0, m/s^2: E E' has their squares on the velocities.
+        box: (2,) vbar, m/s^2: |v_1|, |v_2| <= vbar_1 and |v_3| <= vbar_3 is a box in V_c that holds v0 all over E_w.
+        floor: s; V <= s is never left by the sampled loop, and every larger level set up to eps neither.
+        share: p, how much of a period's growth is the disturbance's.
+
+    Raises:
+        FlatsatError: a value is negative, not finite, or has the wrong shape.
+    """
+
+    rate: float
+    drift: FloatArray
+    push: FloatArray
+    box: FloatArray
+    floor: float
+    share: float
+
+    def __post_init__(self) -> None:
+        for name, unit in (("rate", "1/s"), ("floor", ""), ("share", "")):
+            object.__setattr__(self, name, require_positive(f"robust.{name}", getattr(self, name), unit))
+        if not self.share < 1.0:
+            raise FlatsatError(f"robust.share = {self.share}: must lie in (0, 1)")
+        for name in ("drift", "push", "box"):
+            pair = np.array(finite_array(f"robust.{name}", getattr(self, name), 2))
+            if pair.shape != (2,) or (pair < 0.0).any():
+                raise FlatsatError(f"robust.{name} = {pair.tolist()}: must be two numbers of at least 0")
+            pair.setflags(write=False)
+            object.__setattr__(self, name, pair)
+
+    def margins(self, limits: InputSet, blocks: tuple[FloatArray, FloatArray]) -> dict[str, float]:
+        """Return the relative margins of the continuous inequalities.
+
+        Args:
+            limits: V_c.
+            blocks: P (2, 2) of x and y, and of z.
+        """
+        corners = np.array([(self.box[0], self.box[0], sign * self.box[1]) for sign in (1.0, -1.0)])
+        margins = {"the box |v_i| <= vbar_i lies in the input set": 1.0 - float(limits.gauge(corners).max())}
+        for axis, (block, name) in enumerate(zip(blocks, ("x, y", "z"), strict=True)):
+            residual = robust_residual(block, self.rate, self.drift[axis], self.push[axis])
+            margins[f"Q A' + A Q - 2 B B' + beta Q + E E'/beta <= 0 for {name}"] = -residual
+            margins[f"V <= 1 implies v0 in the box for {name}"] = 1.0 - float(block[1, 1]) / float(self.box[axis]) ** 2
+        return margins
+
+    def to_document(self) -> dict[str, Any]:
+        """Return the values as plain numbers and lists."""
+        pairs = {name: getattr(self, name).tolist() for name in ("drift", "push", "box")}
+        return {"rate": self.rate, **pairs, "floor": self.floor, "share": self.share}
+
+    def growth(self, timing: Timing, axis: int, matrix: FloatArray, block: FloatArray, gain: float) -> float:
+        """Return the largest eigenvalue of M Q M'/(1 - p) + D/(p s) - Q relative to Q: at most 0 for V+ <= max(V, s).
+
+        Args:
+            timing: of the loop.
+            axis: 0 for x and y, 1 for z.
+            matrix: W (n, n), Q = W^-1.
+            block: P (2, 2).
+            gain: applied gain k.
+        """
+        step, spread = timing.closed_loop(block, gain), np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+        gathered = gathered_disturbance(timing, self.drift[axis], self.push[axis])
+        grown = step @ spread @ step.T / (1.0 - self.share) + gathered / (self.share * self.floor)
+        return largest_relative_eigenvalue(grown, spread) - 1.0
+
+
+def robust_residual(block: FloatArray, rate: float, drift: float, push: float) -> float:
+    """Return the largest eigenvalue of Q A' + A Q - 2 B B' + beta Q + E E'/beta, relative to beta Q, for one axis."""
+    spread = np.asarray(np.linalg.inv(block), dtype=np.float64)
+    system, shake = np.array([[0.0, 1.0], [0.0, 0.0]]), np.diag([drift**2, push**2])
+    residual = spread @ system.T + system @ spread - np.diag([0.0, 2.0]) + rate * spread + shake / rate
+    return largest_relative_eigenvalue(residual, rate * spread)
+
+
+def gathered_disturbance(timing: Timing, drift: float, push: float) -> FloatArray:
+    """Return D (n, n) of one axis: whatever w does in a period, its part d of the state has d d' <= D."""
+    h, gathered = timing.period, np.zeros((timing.size, timing.size))
+    e, m = drift**2, push**2
+    gathered[:2, :2] = h * np.array([[e * h + m * h**3 / 3.0, m * h**2 / 2.0], [m * h**2 / 2.0, m * h]])
+    return gathered
