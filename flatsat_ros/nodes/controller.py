@@ -199,6 +199,9 @@ class ControllerNode(Node):  # type: ignore[misc]
 
     def _check_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         try:
+            for parameter in parameters:
+                if parameter.type_ is Parameter.Type.NOT_SET:  # rclpy would forget its declaration
+                    raise FlatsatError(f"parameter {parameter.name} cannot be deleted: set it to the common value")
             self._tuning_with({parameter.name: parameter.value for parameter in parameters})
         except FlatsatError as error:
             return SetParametersResult(successful=False, reason=str(error))

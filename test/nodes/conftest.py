@@ -19,7 +19,7 @@ import rclpy
 from geometry_msgs.msg import PoseStamped, Twist
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
+from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
@@ -60,7 +60,7 @@ class Process:
 
     Attributes:
         name: of the executable.
-        expected: whether it may have ended.
+        expected: whether it may end, by a signal or by itself with exit code 0.
     """
 
     def __init__(self, executable: Path, arguments: Sequence[str], log: Path) -> None:
@@ -124,7 +124,7 @@ class Lab:
         self._folder = folder
         self._processes: list[Process] = []
         self._publishers: dict[str, Any] = {}
-        self._parameters: AsyncParameterClient | None = None
+        self._clients: dict[str, AsyncParameterClient] = {}
         self._context = rclpy.Context()
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self.node = Node("observer", context=self._context)
@@ -156,8 +156,9 @@ class Lab:
         end = time.monotonic() + deadline
         while not condition():
             for process in self._processes:
-                if process.returncode is not None and not process.expected:
-                    pytest.fail(f"{process.name} ended with exit code {process.returncode} while waiting for {what}")
+                code = process.returncode
+                if code is not None and not (process.expected and code <= 0):
+                    pytest.fail(f"{process.name} ended with exit code {code} while waiting for {what}")
             if time.monotonic() > end:
                 pytest.fail(f"not within {deadline:g} s: {what}")
             self._executor.spin_once(timeout_sec=0.05)
@@ -210,14 +211,28 @@ class Lab:
 
     def set_parameters(self, values: dict[str, object], *, atomically: bool = False) -> list[tuple[bool, str]]:
         """Set parameters of the controller through its services; return (successful, reason) of each, or of all."""
-        client = self._parameters = self._parameters or AsyncParameterClient(self.node, interfaces.CONTROLLER_NODE)
-        self.wait(client.services_are_ready, "the controller's parameter services")
+        client = self.parameters_of(interfaces.CONTROLLER_NODE)
         parameters = [Parameter(name, value=value) for name, value in values.items()]
         send = client.set_parameters_atomically if atomically else client.set_parameters
-        answer: Future[Any] = send(parameters)
-        self.wait(answer.done, "the answer of the parameter service")
-        result = answer.result()
+        result = self.answer(send(parameters))
         return [(r.successful, r.reason) for r in ([result.result] if atomically else result.results)]
+
+    def get_parameters(self, *names: str) -> list[Any]:
+        """Return values of the controller's parameters, None for one that is not set."""
+        answer = self.answer(self.parameters_of(interfaces.CONTROLLER_NODE).get_parameters(names))
+        return [parameter_value_to_python(value) for value in answer.values]
+
+    def parameters_of(self, node: str) -> AsyncParameterClient:
+        """Return a client of a node's parameter services, which are there."""
+        if node not in self._clients:
+            self._clients[node] = AsyncParameterClient(self.node, node)
+        self.wait(self._clients[node].services_are_ready, f"the parameter services of {node}")
+        return self._clients[node]
+
+    def answer(self, request: Future[Any]) -> Any:
+        """Return the answer to a request."""
+        self.wait(request.done, "the answer of a service")
+        return request.result()
 
     def wait_for_flight(self, robot: str, poses: list[Any], goal: Sequence[float], tolerance: float) -> None:
         """Wait until a robot has stayed near a goal, m, for a second, by the stamps of its poses."""

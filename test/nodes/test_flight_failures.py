@@ -1,0 +1,96 @@
+"""What goes wrong in flight: a drone comes late, one is lost and comes back, the controller is told to stop."""
+
+from __future__ import annotations
+
+import signal
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from flatsat_ros.core.supervisor import Mode, Policy
+from flatsat_ros.core.wire import WireSetpoint
+from flatsat_ros.nodes import interfaces, messages
+
+if TYPE_CHECKING:
+    from conftest import Lab
+
+    Column = Any
+
+HERE, THERE = (0.0, 0.0, 0.6), (0.0, 1.0, 0.6)
+NEAR = 0.15  # m, see test_flight
+
+
+def heights(poses: list[Any]) -> np.ndarray:
+    return np.array([pose.pose.position.z for pose in poses])
+
+
+def test_a_drone_that_appears_late_flies_and_disturbs_nobody(lab: Lab) -> None:
+    poses = {robot: lab.watch(interfaces.POSE, robot) for robot in ("cf1", "cf2")}
+    commands = {robot: lab.watch(interfaces.COMMAND, robot) for robot in ("cf1", "cf2")}
+    lab.start("sim_drone", robot_names=["cf1"])
+    lab.fly("cf1", "cf2")
+    lab.go_to("cf1", HERE)
+    lab.go_to("cf2", THERE)
+    lab.wait_for_flight("cf1", poses["cf1"], HERE, NEAR)
+    assert not commands["cf2"], "no command without a pose"
+    settled = len(poses["cf1"])
+    lab.start("sim_drone", robot_names=["cf2"], start_positions=[0.0, 1.0, 0.0])
+    lab.wait_for_flight("cf2", poses["cf2"], THERE, NEAR)
+    assert np.abs(heights(poses["cf1"][settled:]) - HERE[2]).max() <= NEAR
+    for seen in commands.values():
+        lab.require_within_limits(seen)
+
+
+def test_a_drone_whose_process_is_killed_is_given_up_and_flies_again_after_a_new_goal(lab: Lab, column: Column) -> None:
+    robots = ("cf1", "cf2")
+    poses = {robot: lab.watch(interfaces.POSE, robot) for robot in robots}
+    commands = {robot: lab.watch(interfaces.COMMAND, robot) for robot in robots}
+    telemetry = lab.watch(interfaces.TELEMETRY, "cf2")
+
+    def mode() -> int:
+        return int(column(telemetry[-1:], "mode")[0])
+
+    lab.start("sim_drone", robot_names=["cf1"])
+    doomed = lab.start("sim_drone", robot_names=["cf2"], start_positions=[0.0, 1.0, 0.0])
+    controller = lab.fly(*robots)
+    for robot, goal in zip(robots, (HERE, THERE), strict=True):
+        lab.go_to(robot, goal)
+    for robot, goal in zip(robots, (HERE, THERE), strict=True):
+        lab.wait_for_flight(robot, poses[robot], goal, NEAR)
+    settled = len(poses["cf1"])
+
+    assert doomed.stop(signal.SIGKILL) == -signal.SIGKILL
+    lab.wait(lambda: mode() == Mode.LEVEL, "the level descent")
+    lab.wait(lambda: mode() == Mode.CUT, "the cut")
+    lab.start("sim_drone", robot_names=["cf2"], start_positions=[0.0, 1.0, 0.0])
+    fresh = len(poses["cf2"])
+    lab.wait(lambda: len(poses["cf2"]) > fresh + 100, "poses of the drone that came back")
+    assert mode() == Mode.CUT
+    assert heights(poses["cf2"][fresh:]).max() == 0.0
+    lab.go_to("cf2", THERE)
+    lab.wait_for_flight("cf2", poses["cf2"], THERE, NEAR)
+
+    assert np.abs(heights(poses["cf1"][settled:]) - HERE[2]).max() <= NEAR
+    for seen in commands.values():
+        lab.require_within_limits(seen)
+    assert controller.stop() == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_controller_stopped_in_flight_leaves_its_drones_level_and_sinking(lab: Lab, number: signal.Signals) -> None:
+    poses, commands = lab.watch(interfaces.POSE, "cf1"), lab.watch(interfaces.COMMAND, "cf1")
+    idle = lab.watch(interfaces.COMMAND, "cf2")
+    lab.start("sim_drone", robot_names=["cf1", "cf2"])
+    controller = lab.fly("cf1", "cf2")
+    lab.go_to("cf1", (1.0, 0.0, 1.0))
+    lab.wait(lambda: poses and poses[-1].pose.position.z > 0.3, "the drone to climb")
+    assert controller.stop(number) == 0
+    level = float(lab.vehicle.pwm_from_thrust(Policy.level_thrust * lab.certificate.limits.gravity))
+    last = WireSetpoint(0.0, 0.0, 0.0, pytest.approx(level))
+    lab.wait(lambda: messages.command_from_message(commands[-1]) == last, "the last command")
+    lab.wait(lambda: poses[-1].pose.position.z == 0.0, "the drone to sink to the floor")
+    assert messages.command_from_message(commands[-1]) == last
+    assert not idle, "a drone that was never flown gets no last command"
+    lab.require_within_limits(commands)
+    assert "Traceback" not in controller.output
