@@ -128,6 +128,7 @@ def test_a_drone_in_the_air_is_taken_over_without_a_motor_cut() -> None:
 
 def test_lost_poses_level_then_cut_and_only_a_new_reference_flies_again() -> None:
     world = airborne()
+    world.pilot.refer(0, Trajectory.hold([0.0, 0.0, 1.0], yaw=2.0))
     world.blind[:] = True
     ticks = world.fly(3.0)
     assert modes(ticks) == [Mode.FLY, Mode.LEVEL, Mode.CUT]
@@ -152,8 +153,23 @@ def test_poses_that_come_back_in_time_let_it_fly_on() -> None:
     assert np.linalg.norm(world.x[0, :3] - [0.0, 0.0, 1.0]) < 0.05
 
 
+def test_the_velocity_is_right_because_the_pilot_knows_its_own_commands() -> None:
+    world = airborne()
+    world.pilot.refer(0, Trajectory.hold([0.5, 0.0, 1.2]))
+    world.blind[:] = True
+    for _ in range(20):  # one pose in each tick is all there is
+        world.pilot.measure(0, world.now, tuple(world.x[0, :3]), (0.0, 0.0, 0.0, 1.0), world.now)
+        world.fly(0.1)
+        np.testing.assert_allclose(world.pilot.estimator.estimate(world.now)[0], world.x[0], rtol=0.0, atol=1e-3)
+    sinking = world.fly(0.35)
+    assert modes(sinking)[-1] is Mode.LEVEL
+    world.pilot.measure(0, world.now, tuple(world.x[0, :3]), (0.0, 0.0, 0.0, 1.0), world.now)
+    np.testing.assert_allclose(world.pilot.estimator.estimate(world.now)[0], world.x[0], rtol=0.0, atol=1e-3)
+
+
 def test_gains_rest_while_a_drone_is_not_flying_and_start_anew_after_a_cut() -> None:
     world = airborne()
+    world.pilot.retune(Tuning(2.0, 0.05, 1.0, CERTIFICATE.gain_max, restart=False))
     world.pilot.refer(0, Trajectory.hold([0.8, 0.0, 1.0]))
     world.fly(2.0)
     gain = float(world.pilot.memory.gain[0])
