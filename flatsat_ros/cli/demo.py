@@ -36,6 +36,7 @@ CLIMB_TIME = 6.0  # s from the floor to the start of the swap
 MU, V_INF, GAMMA_0 = 2.0, 0.05, 1.0  # Table III
 VEHICLE = "cf21"
 POSE_NOISE = 5e-4  # m, of the simulated motion capture
+DISTURBANCE_MAX = 0.8  # m/s^2, of an offset-free flight
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +51,7 @@ class Scenario:
         certificate: flown by all.
         certificate_path: its file.
         dynamics: ideal or identified.
+        disturbance_max: m/s^2, what the controller may compensate.
     """
 
     robots: list[str]
@@ -59,6 +61,7 @@ class Scenario:
     certificate: Certificate
     certificate_path: Path
     dynamics: str
+    disturbance_max: float
 
     @property
     def duration(self) -> float:
@@ -91,13 +94,16 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--robots", type=int, default=3, help="number of drones (default: %(default)s)")
     parser.add_argument("--rate", type=float, help="of the controller, Hz (default: the certificate's)")
     parser.add_argument("--headless", action="store_true", help="one process on simulated time, no ROS: fast, no bag")
+    parser.add_argument(
+        "--offset-free", action="store_true", help="compensate the estimated disturbance, beyond the paper's law"
+    )
     parser.add_argument("--output", type=Path, default=Path("out/demo"), help="for the results (default: %(default)s)")
     return parser
 
 
 def _run(arguments: argparse.Namespace) -> int:
     arguments.output.mkdir(parents=True, exist_ok=True)
-    scenario = plan(arguments.robots, arguments.seconds, arguments.rate, arguments.dynamics, arguments.output)
+    scenario = plan(arguments)
     if arguments.headless:
         record = fly_headless(scenario)
     else:
@@ -119,12 +125,13 @@ def _run(arguments: argparse.Namespace) -> int:
     return 1 if broken else 0
 
 
-def plan(count: int, seconds: float, rate: float | None, dynamics: str, folder: Path) -> Scenario:
+def plan(arguments: argparse.Namespace) -> Scenario:
     """Return what is to be flown.
 
     Raises:
         FlatsatError: the number of drones, the time or the rate cannot be flown.
     """
+    count, seconds, rate = arguments.robots, arguments.seconds, arguments.rate
     if not 1 <= count <= 64:
         raise FlatsatError(f"--robots {count}: must be from 1 to 64")
     if not 0.0 < seconds <= 3600.0:
@@ -137,7 +144,7 @@ def plan(count: int, seconds: float, rate: float | None, dynamics: str, folder: 
         from flatsat_ros.synthesis.nominal import synthesize
 
         certificate = synthesize(certificate.limits, certificate.rate, 1.0 / rate, f"demo_{rate:g}_hz")
-        path = folder / "certificate.yaml"
+        path = arguments.output / "certificate.yaml"
         certificate.save(path)
     from flatsat_ros.synthesis.planner import spline_through
 
@@ -156,7 +163,8 @@ def plan(count: int, seconds: float, rate: float | None, dynamics: str, folder: 
         swaps=swaps,
         certificate=certificate,
         certificate_path=path,
-        dynamics=dynamics,
+        dynamics=arguments.dynamics,
+        disturbance_max=DISTURBANCE_MAX if arguments.offset_free else 0.0,
     )
 
 
@@ -178,7 +186,8 @@ def fly_headless(scenario: Scenario) -> FlightRecord:
     count = len(scenario.robots)
     vehicle = VehicleProfile.load(config_path(VEHICLE, "vehicles"))
     certificate = scenario.certificate
-    pilot = Pilot(certificate, Tuning(MU, V_INF, GAMMA_0, certificate.gain_max), Policy(), count)
+    policy = Policy(disturbance_max=scenario.disturbance_max)
+    pilot = Pilot(certificate, Tuning(MU, V_INF, GAMMA_0, certificate.gain_max), policy, count)
     fleet = SimulatedFleet(
         vehicle, count, dynamics=scenario.dynamics, start=scenario.start, capture=MotionCapture(noise=POSE_NOISE)
     )
@@ -192,7 +201,7 @@ def fly_headless(scenario: Scenario) -> FlightRecord:
         def observe(now: float, samples: list[Sample], tick: Tick, sent: dict[int, WireSetpoint]) -> None:
             for sample in samples:
                 poses[sample.drone].append([sample.stamp, *sample.position])
-            for i, row in enumerate(telemetry.rows(tick, certificate.level)):
+            for i, row in enumerate(telemetry.rows(tick)):
                 ticks[i].append(np.array([now, *row]))
             for i, setpoint in sent.items():
                 commands[i].append([now, *input_from_setpoint(setpoint, vehicle)])

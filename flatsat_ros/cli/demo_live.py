@@ -76,6 +76,7 @@ def _commands(scenario: Scenario) -> dict[str, list[str]]:
                 "mu": repr(MU),
                 "v_inf": repr(V_INF),
                 "gamma_0": repr(GAMMA_0),
+                "disturbance_max": repr(scenario.disturbance_max),
             },
         )
     }

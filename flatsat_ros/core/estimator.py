@@ -121,6 +121,11 @@ class Estimator:
                 break
         return np.concatenate([position, velocity], axis=1)
 
+    @property
+    def disturbance(self) -> FloatArray:
+        """The estimated disturbances, (N, 3), m/s^2: what accelerates the drones beside the commands."""
+        return np.array([f.mean[6:9] for f in self._filters])
+
     def usable(self, now: float, timeout: float) -> np.ndarray:
         """Tell whose estimate can be flown on, (N,): fresh within timeout (s) and with a settled velocity."""
         settled = np.array([f.c11 <= _SETTLED_VELOCITY**2 for f in self._filters])

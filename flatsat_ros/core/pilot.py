@@ -13,12 +13,17 @@ from flatsat_ros.core.controller import Controller, Memory, Output
 from flatsat_ros.core.estimator import Estimator
 from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.gain import Tuning
+from flatsat_ros.core.guarantee import Assessment, Watch
 from flatsat_ros.core.reference import References, Trajectory
 from flatsat_ros.core.supervisor import Mode, Policy, next_mode
 
 # yaw is held by turning back in proportion to its error, 1/s, at most this fast, rad/s
 _YAW_GAIN = 1.5
 _YAW_RATE_MAX = 1.0
+
+# of a reference's margin, this much at most may be spent on a disturbance; the rest is left to steer with
+_COMPENSATED_SHARE = 0.5
+_TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +36,8 @@ class Tick:
         yaw_rate: (N,) commanded psi rate, rad/s, counter-clockwise.
         output: the law's output; it is the command in FLY only.
         reference: (N, 9) position, velocity, acceleration.
+        disturbance: (N, 3) compensated disturbance, m/s^2, world frame.
+        assessment: where the drones are in the certified sets; it speaks of FLY only.
         duration: computation time of the tick, s.
     """
 
@@ -39,6 +46,8 @@ class Tick:
     yaw_rate: FloatArray
     output: Output
     reference: FloatArray
+    disturbance: FloatArray
+    assessment: Assessment
     duration: float
 
 
@@ -58,6 +67,8 @@ class Pilot:
         self.estimator = Estimator(count)
         self.mode = np.full(count, Mode.IDLE)
         self._references = References(count)
+        self._margin = np.full(count, certificate.limits.inner_radius)
+        self._watch = Watch(certificate, count)
         self._since = np.full(count, -np.inf)
         self._requested = np.zeros(count, dtype=bool)  # a reference was given since the motors were last cut
         self._referred = np.zeros(count, dtype=bool)  # a reference was given since the last tick in flight
@@ -78,8 +89,9 @@ class Pilot:
         Raises:
             FlatsatError: the reference leaves no margin inside the input set.
         """
-        trajectory.require_margin(self.certificate.limits)
+        margin = trajectory.require_margin(self.certificate.limits)
         self._references.assign(index, trajectory)
+        self._margin[index] = margin
         self._requested[index] = self._referred[index] = True
 
     def measure(
@@ -100,13 +112,16 @@ class Pilot:
         self._advance_modes(now, usable, state[:, 2])
 
         reference = self._references.sample(now)
-        memory, output = self._controller.step(self.memory, state, self.estimator.yaw, reference)
+        disturbance = self._compensated()
+        base = reference.copy()
+        base[:, 6:] -= disturbance
+        memory, output = self._controller.step(self.memory, state, self.estimator.yaw, base)
         flying = self.mode == Mode.FLY
         tuning = self._controller.tuning
         anew = self._referred & flying & tuning.restart & (output.lyapunov > tuning.threshold)
         if anew.any():
             self.memory = Memory(np.where(anew, tuning.gain_initial, self.memory.gain))
-            memory, output = self._controller.step(self.memory, state, self.estimator.yaw, reference)
+            memory, output = self._controller.step(self.memory, state, self.estimator.yaw, base)
         self._referred &= ~flying
         self.memory = Memory(np.where(flying, memory.gain, self.memory.gain))
 
@@ -120,13 +135,25 @@ class Pilot:
             acceleration = np.where(flying[:, np.newaxis], output.acceleration, 0.0)
             acceleration[level, 2] = self._level[0] - self.certificate.limits.gravity
             yaw_rate = np.where(flying, turn, 0.0)
+        margin = self._margin - np.sqrt((disturbance * disturbance).sum(axis=1))
+        assessment = self._watch.assess(output.error, margin, np.asarray(~base[:, 3:].any(axis=1)))
+        self._watch.follow(acceleration)
         self.estimator.command(now, acceleration)
-        return Tick(self.mode.copy(), command, yaw_rate, output, reference, perf_counter() - begin)
+        duration = perf_counter() - begin
+        return Tick(self.mode.copy(), command, yaw_rate, output, reference, disturbance, assessment, duration)
 
     def last_input(self) -> FloatArray:
         """Return the inputs (N, 3) to leave behind on shutdown: level and sinking for drones in the air, else zero."""
         airborne = (self.mode == Mode.FLY) | (self.mode == Mode.LEVEL)
         return np.where(airborne[:, np.newaxis], self._level, 0.0)
+
+    def _compensated(self) -> FloatArray:
+        """Return the estimated disturbances (N, 3), m/s^2, shortened to what the margins leave over."""
+        estimate = self.estimator.disturbance
+        size = np.sqrt((estimate * estimate).sum(axis=1))
+        most = np.minimum(self.policy.disturbance_max, _COMPENSATED_SHARE * self._margin)
+        factor = np.where(self.mode == Mode.FLY, np.minimum(1.0, most / np.maximum(size, _TINY)), 0.0)
+        return np.asarray(estimate * factor[:, np.newaxis])
 
     def _advance_modes(self, now: float, usable: np.ndarray, height: FloatArray) -> None:
         for i in np.flatnonzero((self.mode != Mode.FLY) | ~usable):

@@ -39,6 +39,7 @@ class Policy:
         unlock_time: s of zero thrust that open the firmware's thrust lock before take-off.
         ground_height: m, world frame: a drone below it is taken to stand on the ground when its reference arrives.
         level_thrust: thrust while levelled, as a fraction of gravity, at most 1, so that it sinks slowly.
+        disturbance_max: largest disturbance, m/s^2, that is compensated in flight; 0 is the paper's law.
 
     Raises:
         FlatsatError: a time or the fraction is not above 0, the fraction is above 1, or the height is not finite.
@@ -49,11 +50,14 @@ class Policy:
     unlock_time: float = 0.3
     ground_height: float = 0.15
     level_thrust: float = 0.95
+    disturbance_max: float = 0.0
 
     def __post_init__(self) -> None:
         for name, unit in (("pose_timeout", "s"), ("level_time", "s"), ("unlock_time", "s"), ("level_thrust", "g")):
             require_positive(name, getattr(self, name), unit)
         require(self.level_thrust <= 1.0, "level_thrust", f"{self.level_thrust} g", "at most 1 g, or it would climb")
+        most = self.disturbance_max
+        require(0.0 <= most < math.inf, "disturbance_max", f"{most} m/s^2", "a finite number of at least 0")
         require(math.isfinite(self.ground_height), "ground_height", f"{self.ground_height} m", "a finite number")
 
 

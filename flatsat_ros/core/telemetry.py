@@ -6,28 +6,31 @@ import numpy as np
 
 from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.pilot import Tick
+from flatsat_ros.core.supervisor import Mode
 
 # the entries of a row, in order; units in docs/interfaces.md
 FIELDS = (
     "V", "V/eps", "gamma", "k", "T", "phi", "theta", "v_x", "v_y", "v_z",
     "error_x", "error_y", "error_z", "error_vx", "error_vy", "error_vz", "mode", "tick_us",
+    "set", "kappa", "guaranteed", "d_x", "d_y", "d_z",
 )  # fmt: skip
 
 
-def rows(tick: Tick, level: float) -> FloatArray:
+def rows(tick: Tick) -> FloatArray:
     """Return the telemetry (N, len(FIELDS)) of one tick.
 
     T, phi, theta are what is commanded in the present mode; V, k, v and the error are the law's, used in FLY only.
 
     Args:
         tick: of N drones.
-        level: eps of the certificate.
     """
-    out = tick.output
+    out, where = tick.output, tick.assessment
     table = np.empty((len(tick.mode), len(FIELDS)))
     table[:, 0], table[:, 1], table[:, 2], table[:, 3] = (
-        out.lyapunov, out.lyapunov / level, out.gain, out.applied_gain,
+        out.lyapunov, where.relative_level, out.gain, out.applied_gain,
     )  # fmt: skip
     table[:, 4:7], table[:, 7:10], table[:, 10:16] = tick.input, out.acceleration, out.error
     table[:, 16], table[:, 17] = tick.mode, tick.duration * 1e6
+    table[:, 18], table[:, 19], table[:, 20] = where.place, where.kappa, where.guaranteed & (tick.mode == Mode.FLY)
+    table[:, 21:24] = tick.disturbance
     return table

@@ -1,0 +1,95 @@
+"""Where the watch says a drone is, and when it claims a guarantee."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flatsat_ros.core.certificate import Certificate
+from flatsat_ros.core.gain import Tuning
+from flatsat_ros.core.guarantee import Watch
+from flatsat_ros.core.input_set import InputSet
+from flatsat_ros.core.lyapunov import closed_form_block, hold_gain_interval
+from flatsat_ros.core.pilot import Pilot
+from flatsat_ros.core.reference import Trajectory
+from flatsat_ros.core.sets import Place
+from flatsat_ros.core.supervisor import Mode, Policy
+
+LIMITS = InputSet(1.45 * 9.81, np.radians(10.0))
+PERIOD, RATE = 0.1, 1.25
+LOW, HIGH = hold_gain_interval(RATE, PERIOD)
+BALL = LIMITS.inner_radius**2
+PROOF = Certificate("test", LIMITS, RATE, closed_form_block(RATE), BALL, BALL / RATE, PERIOD, LOW, HIGH)
+STILL, MOVING = np.ones(1, dtype=bool), np.zeros(1, dtype=bool)
+FULL = np.array([LIMITS.inner_radius])
+
+errors = st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6).map(lambda row: np.array([row]))
+
+
+@given(error=errors)
+def test_the_ellipsoid_is_where_v_is_at_most_its_level(error: np.ndarray) -> None:
+    seen = Watch(PROOF, 1).assess(error, FULL, STILL)
+    level = float(error[0] @ PROOF.matrix @ error[0]) / PROOF.level
+    assert seen.relative_level[0] == pytest.approx(level, rel=1e-9)
+    assert (seen.place[0] == Place.ELLIPSOID) == (seen.relative_level[0] <= 1.0)
+
+
+@given(error=errors)
+def test_nothing_is_guaranteed_outside_or_on_the_move(error: np.ndarray) -> None:
+    watch = Watch(PROOF, 1)
+    seen = watch.assess(error, FULL, STILL)
+    assert seen.guaranteed[0] == (seen.place[0] != Place.OUTSIDE)
+    assert not watch.assess(error, FULL, MOVING).guaranteed[0]
+
+
+@given(error=errors, share=st.floats(0.05, 1.0))
+def test_half_the_margin_leaves_a_quarter_of_the_level(error: np.ndarray, share: float) -> None:
+    watch = Watch(PROOF, 1)
+    whole = watch.assess(error, FULL, MOVING).relative_level
+    assert watch.assess(error, share * FULL, MOVING).relative_level == pytest.approx(whole / share**2, rel=1e-9)
+
+
+def fly(policy: Policy, push: float) -> tuple[float, bool]:
+    """Height error after 20 s under a constant vertical push, ideal dynamics, and whether all limits were kept."""
+    pilot = Pilot(PROOF, Tuning(2.0, 0.05, 1.0, HIGH), policy, 1)
+    pilot.refer(0, Trajectory.hold([0.0, 0.0, 1.0]))
+    state, within = np.array([0.0, 0.0, 0.5, 0.0, 0.0, 0.0]), True
+    for number in range(200):
+        now = number * PERIOD
+        for part in range(5):
+            at = now + (part - 4) * PERIOD / 5
+            pilot.measure(0, at, (state[:3] + (part - 4) * PERIOD / 5 * state[3:]).tolist(), (0.0, 0.0, 0.0, 1.0), now)
+        tick = pilot.tick(now)
+        flying = tick.mode[0] == Mode.FLY
+        within &= bool(LIMITS.contains(tick.output.acceleration[0]))
+        v = (tick.output.acceleration[0] + [0.0, 0.0, push]) if flying else np.zeros(3)
+        state[:3] += PERIOD * state[3:] + PERIOD**2 / 2.0 * v
+        state[3:] += PERIOD * v
+    return float(abs(state[2] - 1.0)), within
+
+
+def test_a_compensated_disturbance_leaves_no_offset_and_no_limit_is_broken() -> None:
+    offset, within = fly(Policy(disturbance_max=0.8), -0.5)
+    assert (offset < 0.01, within) == (True, True)
+    paper, within = fly(Policy(), -0.5)
+    assert (paper > 0.05, within) == (True, True)
+
+
+def test_at_most_the_stated_disturbance_is_compensated() -> None:
+    full, within = fly(Policy(disturbance_max=0.8), -0.8)
+    none, _ = fly(Policy(disturbance_max=0.01), -0.8)
+    assert within
+    assert full < 0.02 < none
+
+
+def test_a_compensating_flight_claims_no_guarantee() -> None:
+    pilot = Pilot(PROOF, Tuning(2.0, 0.05, 1.0, HIGH), Policy(disturbance_max=0.8), 1)
+    pilot.refer(0, Trajectory.hold([0.0, 0.0, 1.0]))
+    for number in range(30):
+        pilot.measure(0, number * PERIOD, (0.0, 0.0, 0.9), (0.0, 0.0, 0.0, 1.0), number * PERIOD)
+        tick = pilot.tick(number * PERIOD)
+    assert tick.mode[0] == Mode.FLY
+    assert np.linalg.norm(tick.disturbance[0]) > 0.0
+    assert not tick.assessment.guaranteed[0]

@@ -1,0 +1,78 @@
+"""docs/interfaces.md says what the nodes offer, no more and no less."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import rclpy
+
+from flatsat_ros.core.telemetry import FIELDS
+from flatsat_ros.nodes import interfaces
+from flatsat_ros.nodes.controller import ControllerNode
+from flatsat_ros.nodes.sim_drone import SimDrone
+
+# what rclpy declares by itself
+OWN = re.compile(r"use_sim_time|start_type_description_service|qos_overrides\..*")
+
+
+@pytest.fixture
+def ros() -> Iterator[None]:
+    rclpy.init(args=[])
+    yield
+    rclpy.shutdown()
+
+
+@pytest.fixture(scope="module")
+def page(root: Path) -> str:
+    return (root / "docs" / "interfaces.md").read_text(encoding="utf-8")
+
+
+def section(page: str, title: str) -> str:
+    """The part below one heading."""
+    _, found, rest = page.partition(f"{title}\n")
+    assert found, title
+    return re.split(r"^#", rest, flags=re.MULTILINE)[0]
+
+
+def first_columns(text: str) -> set[str]:
+    """Names in the first column of the tables."""
+    rows = [line.split("|")[1] for line in text.splitlines() if line.startswith("|")]
+    return {name for row in rows for name in re.findall(r"`([^`]+)`", row)}
+
+
+def defaults(text: str) -> dict[str, str]:
+    """Default by parameter, for rows with one name."""
+    rows = [[cell.strip(" `") for cell in line.split("|")] for line in text.splitlines() if line.startswith("| `")]
+    return {row[1]: row[3] for row in rows if "," not in row[1]}
+
+
+@pytest.mark.usefixtures("ros")
+@pytest.mark.parametrize(("make", "title"), [(ControllerNode, "`controller`"), (SimDrone, "`sim_drone`")])
+def test_every_parameter_is_documented_with_its_default(
+    make: type[ControllerNode] | type[SimDrone], title: str, page: str
+) -> None:
+    node = make()
+    declared = {name: value.value for name, value in node._parameters.items() if not OWN.fullmatch(name)}
+    node.destroy_node()
+    text = section(page, f"## Parameters of {title}")
+    common = {name for name in declared if not name.startswith("robots.")}
+    assert first_columns(text) == common
+    for name in {name.rpartition(".")[2] for name in declared} - common:
+        assert f"`.{name}`" in text
+    for name, documented in defaults(text).items():
+        if isinstance(declared[name], (int, float)) and not isinstance(declared[name], bool):
+            assert float(documented) == declared[name], name
+
+
+def test_every_telemetry_entry_is_documented(page: str) -> None:
+    table = page.partition("**telemetry.**")[2].partition("## ")[0]
+    assert first_columns(table) == set(FIELDS)
+
+
+def test_every_topic_is_documented(page: str) -> None:
+    table = first_columns(section(page, "## Topics"))
+    topics = (interfaces.POSE, interfaces.GOAL, interfaces.TRAJECTORY, interfaces.COMMAND, interfaces.TELEMETRY)
+    assert {topic.of("<robot>") for topic in topics} | {interfaces.DIAGNOSTICS} <= table
