@@ -20,7 +20,9 @@ from flatsat_ros.core.certificate import Certificate
 from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.input_set import InputSet
+from flatsat_ros.core.loop import Timing
 from flatsat_ros.core.lyapunov import closed_form_block, hold_gain_interval, require_positive
+from flatsat_ros.synthesis.loop import GainCap, gain_cap
 from flatsat_ros.synthesis.solver import solve, solver_name
 
 # Largest relative difference between the solver's answer and the closed form; the solver stops at about 1e-8.
@@ -61,12 +63,21 @@ PAPER = {
 
 
 def synthesize(
-    limits: InputSet, rate: float, period: float, name: str, inputs: Mapping[str, str] | None = None
+    limits: InputSet,
+    rate: float,
+    period: float,
+    name: str,
+    inputs: Mapping[str, str] | None = None,
+    *,
+    lag: float = 0.0,
+    delay: float = 0.0,
+    lowest: float = 1.0,
+    highest: float = math.inf,
 ) -> Certificate:
-    """Compute the certificate of the paper's Proposition 1 and cross-check it.
+    """Compute the certificate of the paper's Proposition 1 for the sampled loop and cross-check it.
 
-    P is the closed form of alpha, rho = r_in^2 with the largest ball around 0 in the input set, eps = rho / alpha, and
-    the gain interval is that of a zero-order hold over the period.
+    P is the closed form of alpha, rho = r_in^2 with the largest ball around 0 in the input set, eps = rho / alpha. The
+    gain interval is in closed form without lag and delay and otherwise the largest that `gain_cap` proves.
 
     Args:
         limits: the input set V_c.
@@ -74,19 +85,30 @@ def synthesize(
         period: h, s.
         name: what the certificate is called.
         inputs: how the user stated the inputs, for the provenance.
+        lag: tau, s, of the achieved acceleration.
+        delay: d, s, from the command to its first effect.
+        lowest: with lag or delay, gains from here on are asked for, in (0, 1]: the smallest kappa of the kappa-sets.
+        highest: cap wanted; one below what can be proved leaves room for larger sets with a lag or a delay.
 
     Returns:
         A certificate that `verify` accepts.
 
     Raises:
-        FlatsatError: rate and period leave no admissible gain, the solver gave no optimal answer, or its answer and the
+        FlatsatError: the timing leaves no admissible gain, the solver gave no optimal answer, or its answer and the
             closed form differ by more than `TOLERANCE`.
     """
     rate, period = require_positive("rate (alpha)", rate, "1/s"), require_positive("period (h)", period, "s")
     if not _RATE_RANGE[0] <= rate <= _RATE_RANGE[1]:
         raise FlatsatError(f"rate (alpha) = {rate:.6g} 1/s: must lie in [{_RATE_RANGE[0]}, {_RATE_RANGE[1]}]")
-    gain_min, gain_max = hold_gain_interval(rate, period)
+    if not 0.0 < lowest <= 1.0 <= highest:
+        raise FlatsatError(f"lowest = {lowest}, highest = {highest}: must satisfy 0 < lowest <= 1 <= highest")
+    timing = Timing(period, lag, delay)
     block, ball = closed_form_block(rate), limits.inner_radius**2
+    if timing.immediate:
+        gain_min, gain_max = hold_gain_interval(rate, period)
+        cap = GainCap(gain_min, min(gain_max, highest), None, gain_max, 0)
+    else:
+        cap = gain_cap(timing, block, lowest, highest)
     certificate = Certificate(
         name=name,
         limits=limits,
@@ -95,14 +117,18 @@ def synthesize(
         ball=ball,
         level=ball / rate,
         period=period,
-        gain_min=gain_min,
-        gain_max=gain_max,
+        lag=lag,
+        delay=delay,
+        gain_min=cap.gain_min,
+        gain_max=cap.gain_max,
+        loop=cap.matrix,
         provenance={
             "package": f"flatsat_ros {flatsat_ros.__version__}",
             "method": "closed form, cross-checked by semidefinite programs",
             "inputs": dict(inputs or {}),
             "solver": solver_name(),
             "cross_check": _cross_check(block, rate, ball),
+            **({} if timing.immediate else {"gain_limit": cap.limit, "solver_failures": cap.failures}),
         },
     )
     certificate.verify()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from importlib.metadata import version
 
 import cvxpy as cp
@@ -25,7 +26,9 @@ def solve(name: str, problem: cp.Problem) -> None:
         InfeasibleError: the program has no solution.
     """
     try:
-        problem.solve(solver=cp.CLARABEL)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Solution may be inaccurate")  # the status below says so
+            problem.solve(solver=cp.CLARABEL)
     except cp.error.SolverError as error:
         raise SolverError(
             f"the solver failed on the {name} program (which does not make it infeasible): {error}"

@@ -1,0 +1,321 @@
+"""The robust certificate: the largest beta, in closed form and by the paper's semidefinite program with a line search.
+
+Per axis every Q with Q A' + A Q - 2 B B' + beta Q + E E'/beta <= 0 is at most the one for which this is an equality,
+
+    Q = [[(2 q - e2)/beta^2, -q/beta], [-q/beta, q]],   q = 2/beta - m2/beta^2,
+
+with e2 and m2 the axis's entries of E E' at the position and at the velocity, and the box condition P22 <= vbar^2 reads
+(2 q - e2)/(q (q - e2)) <= vbar^2. So q must reach the larger root of vbar^2 q^2 - (2 + vbar^2 e2) q + e2, and beta must
+lie between the roots of q beta^2 - 2 beta + m2 = 0; without push the smaller one is 0 (docs/mathematics.md).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from itertools import product
+
+import cvxpy as cp
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import minimize_scalar
+
+import flatsat_ros
+from flatsat_ros.core.certificate import Certificate
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.flatness import FloatArray, finite_array
+from flatsat_ros.core.input_set import InputSet
+from flatsat_ros.core.loop import Timing
+from flatsat_ros.core.lyapunov import largest_relative_eigenvalue
+from flatsat_ros.core.robust import Robust, gathered_disturbance
+from flatsat_ros.synthesis.loop import gain_cap
+from flatsat_ros.synthesis.solver import solve, solver_name
+
+# Largest relative difference between the line search with the solver and the closed form.
+TOLERANCE = 1e-5
+
+# A larger gain may raise the level of the smallest certified set by this factor over that of gain 1.
+_FLOOR_GROWTH = 1.05
+
+_A = np.kron([[0.0, 1.0], [0.0, 0.0]], np.eye(3))
+_B = np.kron([[0.0], [1.0]], np.eye(3))
+
+PAPER_PERIOD = 0.01
+
+
+def synthesize_robust(
+    limits: InputSet,
+    drift: ArrayLike,
+    push: ArrayLike,
+    period: float,
+    name: str,
+    inputs: Mapping[str, str] | None = None,
+    rate: float | None = None,
+) -> Certificate:
+    """Compute the certificate of the paper's Proposition 3 for the sampled loop and cross-check it.
+
+    Args:
+        limits: V_c.
+        drift: (2,) bound on the drift of x and y together and of z, m/s, >= 0; the two share w'w <= 1 with `push`.
+        push: (2,) the same for accelerations, m/s^2.
+        period: h, s.
+        name: what the certificate is called.
+        inputs: how the user stated the inputs, for the provenance.
+        rate: beta, 1/s, at most the largest; None takes the largest. A smaller one has a larger set.
+
+    Returns:
+        A certificate that `verify` accepts.
+
+    Raises:
+        FlatsatError: the disturbance is too large for the limits, the period too long for the disturbance, or solver
+            and closed form disagree.
+    """
+    drift, push = finite_array("drift", drift, 2), finite_array("push", push, 2)
+    if drift.shape != (2,) or push.shape != (2,) or min(*drift, *push) < 0.0:
+        raise FlatsatError(f"drift = {drift.tolist()} and push = {push.tolist()}: must be two numbers >= 0 each")
+    if not (drift.any() or push.any()):
+        raise FlatsatError("drift and push are all 0: a robust certificate needs a disturbance")
+    box = largest_box(limits)
+    smallest, largest = rate_interval(box, drift, push)
+    if rate is None:
+        rate = largest
+    elif not max(smallest, 1e-3) <= rate <= largest:
+        raise FlatsatError(
+            f"rate (beta) = {rate:.6g} 1/s: must lie in [{max(smallest, 1e-3):.6g}, {largest:.6g}] for this disturbance"
+        )
+    check = _cross_check(box, drift, push, rate, largest)
+    blocks = closed_form_blocks(rate, drift, push)
+    ball = limits.inner_radius**2
+    level = ball / max(float(block[1, 1]) for block in blocks)
+    timing = Timing(period)
+    gain_max, floor, share = _sampled(timing, blocks, drift, push, level)
+    certificate = Certificate(
+        name=name,
+        limits=limits,
+        rate=rate,
+        block=blocks[0],
+        block_vertical=blocks[1],
+        ball=ball,
+        level=level,
+        period=period,
+        gain_min=1.0,
+        gain_max=gain_max,
+        robust=Robust(rate, drift, push, box, floor, share),
+        provenance={
+            "package": f"flatsat_ros {flatsat_ros.__version__}",
+            "method": "closed form, cross-checked by semidefinite programs with a line search over beta",
+            "inputs": dict(inputs or {}),
+            "solver": solver_name(),
+            "cross_check": check,
+        },
+    )
+    certificate.verify()
+    return certificate
+
+
+def synthesize_paper_robust() -> Certificate:
+    """Compute the certificate of the paper's robustness study (its Table II)."""
+    gravity = 9.81
+    inputs = {
+        "thrust_max": "2 g",
+        "tilt_max": "40 deg",
+        "drift": "sqrt(2) m/s on x and y, so that the printed disturbance is admissible",
+        "source": "arXiv 2308.15177, robustness study, Table II; the paper simulates in continuous time, the period is "
+        "ours",
+    }
+    limits = InputSet(2.0 * gravity, math.radians(40.0), gravity)
+    return synthesize_robust(limits, (math.sqrt(2.0), 0.0), (0.0, 0.0), PAPER_PERIOD, "paper_robust", inputs)
+
+
+def largest_box(limits: InputSet) -> FloatArray:
+    """Return vbar (2,), of x and y, and of z: the largest box in V_c, no wider than the ball of r_in."""
+    return np.asarray(np.minimum(limits.inner_box[[0, 2]], limits.inner_radius))
+
+
+def closed_form_blocks(rate: float, drift: FloatArray, push: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the blocks of P = Q^-1, of x and y and of z, for which the robust condition is an equality.
+
+    Raises:
+        FlatsatError: there is no positive definite Q for this rate (beta).
+    """
+    blocks = []
+    for e2, m2 in zip(drift**2, push**2, strict=True):
+        q = 2.0 / rate - m2 / rate**2
+        if q <= e2:
+            raise FlatsatError(f"rate (beta) = {rate:.6g} 1/s: no Q exists for the drift {math.sqrt(e2)} m/s")
+        # the inverse of Q, whose determinant is q (q - e2) / beta^2
+        blocks.append(np.array([[rate**2 * q, rate * q], [rate * q, 2.0 * q - e2]]) / (q * (q - e2)))
+    return blocks[0], blocks[1]
+
+
+def rate_interval(box: FloatArray, drift: FloatArray, push: FloatArray) -> tuple[float, float]:
+    """Return the smallest and the largest beta, 1/s, in closed form; the smallest is 0 without push.
+
+    Raises:
+        FlatsatError: no beta holds the nominal input in the box against this disturbance.
+    """
+    low, high = 0.0, math.inf
+    for width, e2, m2, axis in zip(box, drift**2, push**2, ("x and y", "z"), strict=True):
+        v2 = float(width) ** 2
+        q = (2.0 + v2 * e2 + math.sqrt(4.0 + (v2 * e2) ** 2)) / (2.0 * v2)
+        if q * m2 > 1.0:
+            raise FlatsatError(
+                f"push = {math.sqrt(m2):.6g} m/s^2 on {axis}: must be at most {math.sqrt(1.0 / q):.6g} m/s^2 with a "
+                f"drift of {math.sqrt(e2):.6g} m/s"
+            )
+        root = math.sqrt(1.0 - q * m2)
+        # the smaller root of q beta^2 - 2 beta + m2, without cancellation
+        low, high = max(low, float(m2 / (1.0 + root))), min(high, float((1.0 + root) / q))
+    if low > high:
+        raise FlatsatError(
+            f"push = {push.tolist()} m/s^2 needs a rate (beta) of at least {low:.6g} 1/s, drift = {drift.tolist()} m/s "
+            f"one of at most {high:.6g} 1/s: reduce one of them"
+        )
+    return low, high
+
+
+def _cross_check(
+    box: FloatArray, drift: FloatArray, push: FloatArray, rate: float, largest: float
+) -> dict[str, object]:
+    """Find beta and Q with the solver and compare."""
+    found = line_search(box, drift, push)
+    Q = largest_spread(rate, drift, push)
+    blocks = closed_form_blocks(rate, drift, push)
+    P = np.kron(blocks[0], np.diag([1.0, 1.0, 0.0])) + np.kron(blocks[1], np.diag([0.0, 0.0, 1.0]))
+    factor = np.linalg.cholesky(P)
+    differences = {
+        "beta": abs(found / largest - 1.0),
+        "Q": float(np.abs(np.linalg.eigvalsh(factor.T @ Q @ factor) - 1.0).max()),
+    }
+    for quantity, difference in differences.items():
+        if not difference <= TOLERANCE:
+            raise FlatsatError(
+                f"closed form and semidefinite program differ in {quantity} by {difference:.3g} (relative): must agree "
+                f"to {TOLERANCE}"
+            )
+    below = {key: 10.0 ** math.ceil(math.log10(max(value, 1e-16))) for key, value in differences.items()}
+    return {"status": "optimal", "relative_tolerance": TOLERANCE, "relative_difference_below": below}
+
+
+def line_search(box: FloatArray, drift: FloatArray, push: FloatArray) -> float:
+    """Return the largest beta, 1/s, that the semidefinite program allows.
+
+    Raises:
+        FlatsatError: the solver failed, or no beta is feasible.
+    """
+    too_large = 1.01 * float(box.max()) ** 2  # without disturbance P22 = beta
+    rate = too_large
+    while missing(rate, box, drift, push) > 0.0:
+        too_large, rate = rate, rate / 1.2
+        if rate < 1e-3:
+            raise FlatsatError("the semidefinite program is infeasible for every rate (beta) above 1e-3 1/s")
+    while too_large - rate > 1e-7 * rate:
+        middle = (rate + too_large) / 2.0
+        rate, too_large = (middle, too_large) if missing(middle, box, drift, push) <= 0.0 else (rate, middle)
+    return rate
+
+
+def missing(rate: float, box: FloatArray, drift: FloatArray, push: FloatArray) -> float:
+    """Return by how much the robust condition fails at least for a Q that meets the box conditions; <= 0 if feasible.
+
+    The program always has a solution, so that its feasibility is read off an optimum and not off a solver's status.
+
+    Raises:
+        SolverError: the solver did not report an optimum.
+    """
+    scaled, units, residual = _program(rate, drift, push)
+    amount = cp.Variable()
+    conditions = [residual << amount * np.eye(6)]
+    for i, width in enumerate(box[[0, 0, 1]]):
+        row = _B[:, [i]].T @ units / width
+        conditions.append(cp.bmat([[np.eye(1), row], [row.T, scaled]]) >> 0)
+    solve("box", cp.Problem(cp.Minimize(amount), conditions))
+    return float(amount.value)
+
+
+def largest_spread(rate: float, drift: FloatArray, push: FloatArray) -> FloatArray:
+    """Return the largest Q (6, 6) that meets the robust condition.
+
+    Raises:
+        SolverError: the solver did not report an optimum.
+        InfeasibleError: there is none.
+    """
+    scaled, units, residual = _program(rate, drift, push)
+    solve("robust", cp.Problem(cp.Maximize(cp.trace(scaled)), [residual << 0, scaled >> 0]))
+    inverse_units = np.linalg.inv(units)
+    return np.asarray(inverse_units @ scaled.value @ inverse_units, dtype=np.float64)
+
+
+def _program(rate: float, drift: FloatArray, push: FloatArray) -> tuple[cp.Variable, FloatArray, cp.Expression]:
+    """Return Q and the left side of the robust condition, in units (6, 6) in which both have entries of order 1."""
+    units = np.asarray(np.kron(np.diag([rate**1.5, rate**0.5]), np.eye(3)), dtype=np.float64)
+    inverse_units = np.linalg.inv(units)
+    scaled = cp.Variable((6, 6), symmetric=True)
+    Q = inverse_units @ scaled @ inverse_units
+    shake = np.diag(np.concatenate([drift[[0, 0, 1]], push[[0, 0, 1]]]) ** 2)
+    condition = Q @ _A.T + _A @ Q - 2.0 * _B @ _B.T + rate * Q + shake / rate
+    return scaled, units, units @ condition @ units / rate
+
+
+def _sampled(
+    timing: Timing, blocks: tuple[FloatArray, FloatArray], drift: FloatArray, push: FloatArray, level: float
+) -> tuple[float, float, float]:
+    """Return gain_max, and floor s and share p of the smallest certified set, for the sampled loop.
+
+    Raises:
+        FlatsatError: the period is too long.
+    """
+    cap = min(gain_cap(timing, block).gain_max for block in blocks)
+    least, _ = smallest_floor(timing, blocks, drift, push, (1.0,))
+    if not least <= level:
+        raise FlatsatError(
+            f"period (h) = {timing.period} s: under this disturbance the sampled loop stays in V <= {least:.4g} only, "
+            f"must be at most eps = {level:.4g}; choose a shorter period, a smaller rate or a smaller disturbance"
+        )
+    allowed = min(level, _FLOOR_GROWTH * least)
+    low, high = 1.0, 2.0 * cap - 1.0  # the cap itself is tried first
+    while high - low > 1e-3 * low:
+        middle = (low + high) / 2.0
+        if smallest_floor(timing, blocks, drift, push, (1.0, middle))[0] <= allowed:
+            low = middle
+        else:
+            high = middle
+        high = min(high, cap)
+    return (low, *smallest_floor(timing, blocks, drift, push, (1.0, low)))
+
+
+def smallest_floor(
+    timing: Timing,
+    blocks: tuple[FloatArray, FloatArray],
+    drift: FloatArray,
+    push: FloatArray,
+    gains: tuple[float, ...],
+) -> tuple[float, float]:
+    """Return the smallest s, and its p, with M Q M'/(1 - p) + D/(p s) <= Q on all axes; s is infinite if there is none.
+
+    Args:
+        timing: of the loop, without lag and delay.
+        blocks: P of x and y, and of z.
+        drift: (2,) of x and y, and of z, m/s.
+        push: (2,) the same, m/s^2.
+        gains: at which it must hold.
+    """
+    cases = []
+    for (block, e, m), gain in product(zip(blocks, drift, push, strict=True), gains):
+        spread = np.linalg.inv(block)
+        step = timing.closed_loop(block, gain)
+        cases.append((spread, step @ spread @ step.T, gathered_disturbance(timing, float(e), float(m))))
+    slack = min(1.0 - largest_relative_eigenvalue(moved, spread) for spread, moved, _ in cases)
+    if slack <= 0.0:
+        return math.inf, 0.5
+
+    def floor(fraction: float) -> float:
+        share = fraction * slack
+        return max(
+            largest_relative_eigenvalue(gathered / share, spread - moved / (1.0 - share))
+            for spread, moved, gathered in cases
+        )
+
+    found = minimize_scalar(floor, bounds=(1e-3, 1.0 - 1e-6), method="bounded", options={"xatol": 1e-9})
+    # rounded up, so that what is certified does not hang on the last digit
+    return float(found.fun) * (1.0 + 1e-9), float(found.x) * slack
