@@ -14,6 +14,7 @@ import pytest
 
 from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.supervisor import Mode
+from flatsat_ros.core.telemetry import FIELDS
 from flatsat_ros.nodes import interfaces, messages
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def test_a_set_point_is_reached_as_in_test_1_of_the_paper(lab: Lab, column: Colu
     lab.wait_for_flight("cf1", poses, goal, NEAR)
     lab.require_within_limits(commands)
     # far from the goal the law is at its limits, and the gain grows as long as V is above V_inf
-    flown = [message for message in telemetry if message.data[-2] == Mode.FLY]
+    flown = [message for message in telemetry if message.data[FIELDS.index("mode")] == Mode.FLY]
     gamma, k, value = (column(flown, field) for field in ("gamma", "k", "V"))
     assert value[0] == pytest.approx(3.4375, rel=0.05)  # the paper's V(0)
     assert k[0] == pytest.approx(gamma[0])
