@@ -137,9 +137,10 @@ def test_poses_have_the_rate_noise_delay_and_losses_asked_for(lab: Lab) -> None:
     lab.wait(lambda: len(poses) >= 100, "a hundred poses")
     assert min(late) >= 0.1e9
     stamps, *_ = trace(poses)
+    # most poses follow at once or after one that was lost; a busy machine may pause the room now and then
     steps = np.diff(stamps) / 0.02
-    assert np.abs(steps - np.rint(steps)).max() < 0.2
-    assert 0.3 < 100 / (1.0 + np.rint(steps).sum()) < 0.7
+    assert np.median(np.abs(steps - np.rint(steps))) < 0.01
+    assert 0.3 < np.mean(np.rint(steps) == 1.0) < 0.7
     y = np.array([pose.pose.position.y for pose in poses])
     assert abs(y.mean() - 1.0) < 0.005
     assert 0.007 < y.std() < 0.013
