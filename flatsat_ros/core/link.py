@@ -1,0 +1,158 @@
+"""What a link to real drones decides without any radio: who is meant, when a packet may leave, how a flight ends."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from flatsat_ros.core.errors import FlatsatError, require
+from flatsat_ros.core.wire import WireSetpoint
+
+P = TypeVar("P")
+
+# a drone that got zero thrust for less than this and then nothing may end locked until reboot, s
+ZERO_TIME = 2.2
+REST = WireSetpoint(0.0, 0.0, 0.0, 0.0)
+_FLOAT_MAX = float(np.finfo(np.float32).max)
+
+_RADIO = re.compile(
+    r"radio://(?P<dongle>\w+)/(?P<channel>\d{1,3})(/(?P<rate>250K|1M|2M))?(/(?P<address>[0-9A-F]{2,10}))?"
+)
+_UDP = re.compile(r"udp://(?P<host>[\w.-]+):(?P<port>\d{1,5})")
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where a drone is reached.
+
+    Attributes:
+        uri: as cflib takes it.
+        lane: what drones share that share it: the dongle of a radio, the connection itself over UDP.
+        drone: the same for every way of writing the same drone's URI, whatever the dongle.
+    """
+
+    uri: str
+    lane: str
+    drone: str
+
+    @classmethod
+    def parse(cls, uri: str) -> Address:
+        """Read a URI.
+
+        Args:
+            uri: radio://dongle/channel/rate/address, where rate (2M) and address (E7E7E7E7E7) may be left out, or
+                udp://host:port.
+
+        Raises:
+            FlatsatError: it is neither.
+        """
+        plain = uri.partition("?")[0]
+        if found := _RADIO.fullmatch("radio" + plain[5:].upper() if plain.lower().startswith("radio") else ""):
+            channel, rate, address = int(found["channel"]), found["rate"] or "2M", found["address"] or "E7E7E7E7E7"
+            require(channel <= 125, f"the channel of {uri!r}", channel, "0 to 125")
+            return cls(uri, f"radio {found['dongle']}", f"radio {channel} {rate} {address:0>10}")
+        if found := _UDP.fullmatch(plain):
+            port = int(found["port"])
+            require(0 < port < 65536, f"the port of {uri!r}", port, "1 to 65535")
+            host = found["host"].lower().replace("localhost", "127.0.0.1")
+            return cls(uri, f"udp {host} {port}", f"udp {host} {port}")
+        raise FlatsatError(
+            f"URI {uri!r}: must be radio://dongle/channel/rate/address, as in radio://0/80/2M/E7E7E7E701, "
+            "or udp://host:port"
+        )
+
+
+def sendable(setpoint: WireSetpoint, pwm_max: float) -> WireSetpoint:
+    """Return the set-point with its thrust clipped to 0..pwm_max and cut to a whole number, as the packet holds it.
+
+    Raises:
+        FlatsatError: a value is not finite, in the 32 bits that it has in the packet; the firmware checks nothing.
+    """
+    if not all(math.isfinite(value) and abs(value) <= _FLOAT_MAX for value in setpoint):
+        raise FlatsatError(f"set-point {tuple(setpoint)}: must be finite")
+    return setpoint._replace(thrust=float(int(min(max(setpoint.thrust, 0.0), pwm_max))))
+
+
+class Lane(Generic[P]):
+    """The newest packet of every stream that shares a dongle, and when it may leave.
+
+    A stream gets at most one packet per `period`, two packets of any streams are at least `gap` apart. A packet that
+    waits is replaced by a newer one, and thrown away when it has waited for `lifetime`: a set-point of the past must
+    not fly a drone after its link was blocked.
+
+    Attributes:
+        overtaken: by stream, how many packets were replaced or thrown away.
+    """
+
+    def __init__(self, streams: int, *, period: float, gap: float, lifetime: float = 0.25) -> None:
+        """Begin with nothing waiting.
+
+        Args:
+            streams: how many share the lane.
+            period: s, above 0.
+            gap: s; all streams together must fit into a period.
+            lifetime: s, above the period.
+
+        Raises:
+            FlatsatError: an argument is out of its bounds.
+        """
+        require(0.0 < period < lifetime, "period", f"{period} s", f"above 0 and below {lifetime} s")
+        most = period / max(streams, 1)
+        require(
+            0.0 <= gap <= most, "gap", f"{gap} s", f"0 to {most:.4g} s, to fit {streams} streams into {period:.4g} s"
+        )
+        self._period, self._gap, self._lifetime = period, gap, lifetime
+        self._waiting: dict[int, tuple[float, P]] = {}
+        self._sent: dict[int, float] = {}
+        self._last = -math.inf
+        self.overtaken: Counter[int] = Counter()
+
+    def offer(self, stream: int, packet: P, now: float) -> None:
+        """Let a packet wait for its turn, in place of the one that waits."""
+        self.overtaken[stream] += stream in self._waiting
+        self._waiting[stream] = now, packet
+
+    def wait(self, streams: Iterable[int], now: float) -> float:
+        """Return how long, s, until one of these streams has something to send, inf if nothing waits."""
+        return min((self._due(stream) - now for stream in streams if stream in self._waiting), default=math.inf)
+
+    def take(self, streams: Iterable[int], now: float) -> tuple[int, P] | None:
+        """Return stream and packet of the one that has waited longest of those that may leave now, None if none may."""
+        for stream, (offered, _) in list(self._waiting.items()):
+            if now - offered > self._lifetime:
+                self.overtaken[stream] += 1
+                del self._waiting[stream]
+        ready = [stream for stream in streams if stream in self._waiting and self._due(stream) <= now]
+        if not ready:
+            return None
+        stream = min(ready, key=lambda stream: self._waiting[stream][0])
+        self._sent[stream] = self._last = now
+        return stream, self._waiting.pop(stream)[1]
+
+    def _due(self, stream: int) -> float:
+        return max(self._sent.get(stream, -math.inf) + self._period, self._last + self._gap)
+
+
+@dataclass(frozen=True)
+class Farewell:
+    """How a drone that was flown is left when the link ends: zero thrust for ZERO_TIME, before it perhaps a descent.
+
+    Attributes:
+        descent: s; 0 stops the motors at once.
+        thrust: of the level descent, PWM.
+    """
+
+    descent: float
+    thrust: float
+
+    def setpoint(self, elapsed: float) -> WireSetpoint | None:
+        """Return what is sent so many seconds after the end began, None when all is said."""
+        if elapsed < self.descent:
+            return REST._replace(thrust=self.thrust)
+        return REST if elapsed < self.descent + ZERO_TIME else None

@@ -1,0 +1,165 @@
+"""The link without a radio: addresses, pacing, farewell."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import defaultdict
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.link import REST, ZERO_TIME, Address, Farewell, Lane, sendable
+from flatsat_ros.core.wire import WireSetpoint
+
+LIFETIME = 0.25
+HOVER = WireSetpoint(1.0, 2.0, 3.0, 40000.0)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("radio://0/80", "radio://0/80/2M/E7E7E7E7E7"),
+        ("radio://0/80/2M", "radio://1/080/2M/e7e7e7e7e7"),
+        ("radio://0/80/2M/E7E7E7E701", "radio://0/80/2M/E7E7E7E701?safelink=0&rate_limit=100"),
+        ("radio://0/80/1M/07", "radio://0/80/1M/0000000007"),
+        ("udp://localhost:19850", "udp://127.0.0.1:19850"),
+    ],
+)
+def test_one_drone_is_known_by_all_its_uris(one: str, other: str) -> None:
+    assert Address.parse(one).drone == Address.parse(other).drone
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("radio://0/80/2M/E7E7E7E701", "radio://0/80/2M/E7E7E7E702"),
+        ("radio://0/80/2M/E7E7E7E701", "radio://0/81/2M/E7E7E7E701"),
+        ("radio://0/80/2M/E7E7E7E701", "radio://0/80/1M/E7E7E7E701"),
+        ("udp://127.0.0.1:19850", "udp://127.0.0.1:19851"),
+        ("udp://10.0.0.1:19850", "udp://10.0.0.2:19850"),
+    ],
+)
+def test_different_drones_differ(one: str, other: str) -> None:
+    assert Address.parse(one).drone != Address.parse(other).drone
+
+
+def test_a_dongle_is_shared_and_a_udp_connection_is_not() -> None:
+    uris = ["radio://0/80/2M/E7E7E7E701", "radio://0/90/1M", "radio://1/80", "udp://a:1", "udp://a:2"]
+    lanes = [Address.parse(uri).lane for uri in uris]
+    assert lanes[0] == lanes[1]
+    assert len(set(lanes)) == 4
+
+
+@pytest.mark.parametrize(
+    "uri",
+    ["", "radio", "radio://0", "radio://0/126", "radio://0/80/3M", "radio://0/80/2M/XY", "udp://a", "udp://a:0",
+     "udp://a:65536", "usb://0", "udp://a:1/b"],
+)  # fmt: skip
+def test_what_is_no_uri_is_refused_by_name(uri: str) -> None:
+    with pytest.raises(FlatsatError, match=f"'{uri}'"):
+        Address.parse(uri)
+
+
+def test_thrust_is_clipped_and_cut_to_a_whole_number() -> None:
+    thrusts = [-1.0, 0.0, 999.9, 40000.7, 60000.0, 1e9]
+    assert [sendable(HOVER._replace(thrust=t), 60000.0).thrust for t in thrusts] == [0, 0, 999, 40000, 60000, 60000]
+    assert sendable(HOVER, 60000.0) == HOVER
+
+
+@pytest.mark.parametrize("position", range(4))
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e39])
+def test_what_does_not_fit_the_packet_is_refused(position: int, bad: float) -> None:
+    values = list(HOVER)
+    values[position] = bad
+    with pytest.raises(FlatsatError, match="must be finite"):
+        sendable(WireSetpoint(*values), 60000.0)
+
+
+arrivals = st.lists(st.tuples(st.integers(0, 3), st.floats(0.0, 0.05)), max_size=60)
+
+
+def play(lane: Lane[int], offers: list[tuple[int, float]], tick: float = 0.001) -> list[tuple[float, int, int, float]]:
+    """Offer packets (stream, time after the one before), numbered; return (time, stream, number, age) as they leave."""
+    times = list(itertools.accumulate(delay for _, delay in offers))
+    sent, number, now = [], 0, 0.0
+    while number < len(offers) or lane.wait(range(4), now) < math.inf:
+        while number < len(offers) and times[number] <= now:
+            lane.offer(offers[number][0], number, now)
+            number += 1
+        wait = lane.wait(range(4), now)
+        taken = lane.take(range(4), now)
+        assert (taken is None) == (wait > 0.0)
+        if taken:
+            sent.append((now, *taken, now - times[taken[1]]))
+        now += tick
+    return sent
+
+
+@given(offers=arrivals)
+def test_a_lane_keeps_period_gap_and_age(offers: list[tuple[int, float]]) -> None:
+    period, gap = 0.02, 0.004
+    lane: Lane[int] = Lane(4, period=period, gap=gap)
+    sent = play(lane, offers)
+    rounding = 1e-9
+    times = [time for time, *_ in sent]
+    assert all(b - a >= gap - rounding for a, b in itertools.pairwise(times))
+    by_stream = defaultdict(list)
+    for time, stream, number, age in sent:
+        by_stream[stream].append((time, number))
+        # at worst its own period, and the gaps of all who waited longer
+        assert age <= period + 4 * gap + 0.002
+    for stream, packets in by_stream.items():
+        assert all(b[0] - a[0] >= period - rounding for a, b in itertools.pairwise(packets))
+        assert all(b[1] > a[1] for a, b in itertools.pairwise(packets)), "a newer packet is never followed by an older"
+        assert packets[-1][1] == max(n for n, (s, _) in enumerate(offers) if s == stream), "the newest always arrives"
+    assert len(sent) + sum(lane.overtaken.values()) == len(offers)
+
+
+def test_a_burst_for_several_drones_leaves_one_after_the_other_and_the_first_at_once() -> None:
+    lane: Lane[int] = Lane(4, period=0.01, gap=0.0025)
+    sent = play(lane, [(0, 0.0), (1, 0.0), (2, 0.0), (3, 0.0)], tick=0.0005)
+    assert [(time, stream) for time, stream, *_ in sent] == [
+        (pytest.approx(0.0025 * stream), stream) for stream in range(4)
+    ]
+
+
+def test_a_packet_that_waited_too_long_is_thrown_away() -> None:
+    lane: Lane[str] = Lane(1, period=0.01, gap=0.0, lifetime=LIFETIME)
+    lane.offer(0, "old", 0.0)
+    assert lane.take([0], LIFETIME + 0.01) is None
+    assert lane.overtaken[0] == 1
+    assert lane.wait([0], LIFETIME + 0.01) == math.inf
+
+
+def test_who_does_not_fetch_its_packet_blocks_nobody() -> None:
+    lane: Lane[str] = Lane(2, period=0.01, gap=0.005)
+    lane.offer(0, "of a blocked link", 0.0)
+    for k in range(20):
+        lane.offer(1, "of a good link", 0.011 * k)
+        assert lane.take([1], 0.011 * k) == (1, "of a good link")
+
+
+@pytest.mark.parametrize(
+    ("period", "gap", "reason"),
+    [(0.0, 0.0, "period"), (0.3, 0.0, "period"), (0.01, 0.006, "2 streams"), (0.01, -1.0, "gap")],
+)
+def test_a_lane_that_cannot_keep_its_promise_is_refused(period: float, gap: float, reason: str) -> None:
+    with pytest.raises(FlatsatError, match=reason):
+        Lane(2, period=period, gap=gap)
+
+
+def test_stopping_is_zero_thrust_for_more_than_two_seconds() -> None:
+    stop = Farewell(descent=0.0, thrust=0.0)
+    assert ZERO_TIME > 2.0
+    assert [stop.setpoint(t) for t in (0.0, 2.0, ZERO_TIME - 0.01)] == [REST] * 3
+    assert stop.setpoint(ZERO_TIME) is None
+
+
+def test_landing_is_a_level_descent_and_then_zero_thrust() -> None:
+    land = Farewell(descent=3.0, thrust=36000.0)
+    assert [land.setpoint(t) for t in (0.0, 2.99)] == [REST._replace(thrust=36000.0)] * 2
+    assert [land.setpoint(t) for t in (3.0, 3.0 + ZERO_TIME - 0.01)] == [REST] * 2
+    assert land.setpoint(3.0 + ZERO_TIME) is None
