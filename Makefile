@@ -14,7 +14,7 @@ NOBLE_SETUP := $(NOBLE)/.done
 
 unexport PYTHONPATH AMENT_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help setup build demo test test-noble bench lint certificates clean
+.PHONY: help setup build demo test test-noble bench reproduce lint certificates clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 16
@@ -48,6 +48,9 @@ $(NOBLE_SETUP): $(NOBLE_REQUIREMENTS)
 
 bench: build  ## the benchmark against solvers and a bare rclpy node
 	$(SOURCED) $(BIN)/python bench/run.py $(ARGS)
+
+reproduce: build  ## every number and figure of the paper, computed again, into out/reproduce/
+	$(SOURCED) $(EXECUTABLES)/reproduce $(ARGS)
 
 certificates: build  ## the paper's certificates in config/, computed again
 	$(SOURCED) $(EXECUTABLES)/synthesize --paper all --output-dir config --force

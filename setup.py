@@ -41,6 +41,7 @@ setup(
             "mocap_player = flatsat_ros.nodes.mocap_player:main",
             "synthesize = flatsat_ros.cli.synthesize:main",
             "demo = flatsat_ros.cli.demo:main",
+            "reproduce = flatsat_ros.cli.reproduce:main",
         ],
     },
 )
