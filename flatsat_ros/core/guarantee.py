@@ -53,7 +53,7 @@ class Watch:
         membership = self._sets.classify(state)
         lateral, upright = self._sets.levels(state)
         relative = (lateral + upright) / (self._sets.level * np.minimum(1.0, margin / self._radius) ** 2)
-        moving = np.where(relative <= 1.0, Place.ELLIPSOID, Place.OUTSIDE)
+        moving = np.where(relative <= 1.0, Place.ELLIPSOID.value, Place.OUTSIDE.value)
         return Assessment(
             relative_level=relative,
             place=np.where(still, membership.place, moving),

@@ -116,7 +116,7 @@ class Pilot:
         base = reference.copy()
         base[:, 6:] -= disturbance
         memory, output = self._controller.step(self.memory, state, self.estimator.yaw, base)
-        flying = self.mode == Mode.FLY
+        flying = self.mode == Mode.FLY.value
         tuning = self._controller.tuning
         anew = self._referred & flying & tuning.restart & (output.lyapunov > tuning.threshold)
         if anew.any():
@@ -130,7 +130,7 @@ class Pilot:
         if flying.all():
             command, acceleration, yaw_rate = output.input, output.acceleration, turn
         else:
-            level = self.mode == Mode.LEVEL
+            level = self.mode == Mode.LEVEL.value
             command = np.where(flying[:, np.newaxis], output.input, np.where(level[:, np.newaxis], self._level, 0.0))
             acceleration = np.where(flying[:, np.newaxis], output.acceleration, 0.0)
             acceleration[level, 2] = self._level[0] - self.certificate.limits.gravity
@@ -144,7 +144,7 @@ class Pilot:
 
     def last_input(self) -> FloatArray:
         """Return the inputs (N, 3) to leave behind on shutdown: level and sinking for drones in the air, else zero."""
-        airborne = (self.mode == Mode.FLY) | (self.mode == Mode.LEVEL)
+        airborne = (self.mode == Mode.FLY.value) | (self.mode == Mode.LEVEL.value)
         return np.where(airborne[:, np.newaxis], self._level, 0.0)
 
     def _compensated(self) -> FloatArray:
@@ -152,11 +152,11 @@ class Pilot:
         estimate = self.estimator.disturbance
         size = np.sqrt((estimate * estimate).sum(axis=1))
         most = np.minimum(self.policy.disturbance_max, _COMPENSATED_SHARE * self._margin)
-        factor = np.where(self.mode == Mode.FLY, np.minimum(1.0, most / np.maximum(size, _TINY)), 0.0)
+        factor = np.where(self.mode == Mode.FLY.value, np.minimum(1.0, most / np.maximum(size, _TINY)), 0.0)
         return np.asarray(estimate * factor[:, np.newaxis])
 
     def _advance_modes(self, now: float, usable: np.ndarray, height: FloatArray) -> None:
-        for i in np.flatnonzero((self.mode != Mode.FLY) | ~usable):
+        for i in np.flatnonzero((self.mode != Mode.FLY.value) | ~usable):
             before = Mode(self.mode[i])
             after = next_mode(
                 before,

@@ -169,7 +169,7 @@ class ControllerNode(Node):  # type: ignore[misc]
         self._last = tick
         rows = telemetry.rows(tick)
         for index in range(len(self.robots)):
-            if tick.mode[index] != Mode.IDLE:
+            if tick.mode[index] != Mode.IDLE.value:
                 self._publish_command(index, tick.input[index], float(tick.yaw_rate[index]))
             messages.fill_telemetry(self._telemetry, rows[index])
             self._telemetry_publishers[index].publish(self._telemetry)
