@@ -31,6 +31,7 @@ def rows(tick: Tick) -> FloatArray:
     )  # fmt: skip
     table[:, 4:7], table[:, 7:10], table[:, 10:16] = tick.input, out.acceleration, out.error
     table[:, 16], table[:, 17] = tick.mode, tick.duration * 1e6
-    table[:, 18], table[:, 19], table[:, 20] = where.place, where.kappa, where.guaranteed & (tick.mode == Mode.FLY.value)
+    flying = tick.mode == Mode.FLY.value
+    table[:, 18], table[:, 19], table[:, 20] = where.place, where.kappa, where.guaranteed & flying
     table[:, 21:24] = tick.disturbance
     return table
