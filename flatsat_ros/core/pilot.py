@@ -10,10 +10,12 @@ import numpy as np
 
 from flatsat_ros.core.certificate import Certificate
 from flatsat_ros.core.controller import Controller, Memory, Output
+from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.estimator import Estimator
 from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.gain import Tuning
 from flatsat_ros.core.guarantee import Assessment, Watch
+from flatsat_ros.core.lyapunov import require_positive
 from flatsat_ros.core.reference import References, Trajectory
 from flatsat_ros.core.supervisor import Mode, Policy, next_mode
 
@@ -24,6 +26,15 @@ _YAW_RATE_MAX = 1.0
 # of a reference's margin, this much at most may be spent on a disturbance; the rest is left to steer with
 _COMPENSATED_SHARE = 0.5
 _TINY = 1e-300
+
+# A landing reference sinks at most this fast, m/s, to this depth, m, below the world's floor (or below itself, should
+# it be lower). The drone has touched down when the reference has left it behind by this much, m, while it is this slow,
+# m/s, for this long, s.
+_LANDING_SPEED = 0.4
+_LANDING_DEPTH = 0.6
+_TOUCH_DOWN_DISTANCE = 0.25
+_TOUCH_DOWN_SPEED = 0.05
+_TOUCH_DOWN_TIME = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +82,11 @@ class Pilot:
         self._watch = Watch(certificate, count)
         self._since = np.full(count, -np.inf)
         self._requested = np.zeros(count, dtype=bool)  # a reference was given since the motors were last cut
+        self._landing = np.zeros(count, dtype=bool)
+        self._offset = np.zeros(count)  # height above the reference when the landing began, m
+        self._resting_since = np.full(count, np.inf)
+        self._armed = np.ones(count, dtype=bool)
+        self._state, self._usable = np.zeros((count, 6)), np.zeros(count, dtype=bool)  # of the last tick
         self._referred = np.zeros(count, dtype=bool)  # a reference was given since the last tick in flight
         self._last_tick = -np.inf
         self._level = np.array([policy.level_thrust * certificate.limits.gravity, 0.0, 0.0])
@@ -84,15 +100,73 @@ class Pilot:
         self.memory = Memory(np.minimum(self.memory.gain, controller.tuning.gain_max))
 
     def refer(self, index: int, trajectory: Trajectory) -> None:
-        """Give drone index a new reference; it takes off if it rests.
+        """Give drone index a new reference; it takes off if it rests, and no longer lands.
 
         Raises:
-            FlatsatError: the reference leaves no margin inside the input set.
+            FlatsatError: the reference leaves no margin inside the input set, or the drone is disarmed.
         """
+        if not self._armed[index]:
+            raise FlatsatError("the drone is disarmed: arm it first")
         margin = trajectory.require_margin(self.certificate.limits)
         self._references.assign(index, trajectory)
         self._margin[index] = margin
         self._requested[index] = self._referred[index] = True
+        self._landing[index] = False
+
+    def arm(self, index: int, armed: bool) -> None:
+        """Allow drone index to take off, or forbid it; all are armed at first.
+
+        Raises:
+            FlatsatError: it is in use and cannot be disarmed.
+        """
+        mode = Mode(self.mode[index])
+        if not armed and mode not in (Mode.IDLE, Mode.CUT):
+            raise FlatsatError(f"the drone is in {mode.name}: it can be disarmed in IDLE or CUT only; land it first")
+        self._armed[index] = armed
+        if not armed:
+            self._requested[index] = False
+
+    def take_off(self, index: int, height: float) -> None:
+        """Send drone index straight up by height, m, from where it stands.
+
+        Raises:
+            FlatsatError: it does not stand, its pose is not known, it is disarmed, or the height is not above 0.
+        """
+        mode, place = Mode(self.mode[index]), self._state[index]
+        if mode not in (Mode.IDLE, Mode.CUT) or (mode is Mode.IDLE and place[2] >= self.policy.ground_height):
+            raise FlatsatError(f"the drone is in {mode.name} at z = {place[2]:.2f} m: only one on the ground takes off")
+        if not self._usable[index]:
+            raise FlatsatError("the drone's pose is not known: it needs fresh poses to take off")
+        climb = np.array([0.0, 0.0, require_positive("height", height, "m")])
+        self.refer(index, Trajectory.hold(place[:3] + climb, float(self.estimator.yaw[index])))
+
+    def land(self, index: int) -> None:
+        """Let drone index sink until it stands on something, then rest.
+
+        Raises:
+            FlatsatError: it does not fly.
+        """
+        if self.mode[index] not in (Mode.FLY, Mode.LEVEL):
+            raise FlatsatError(f"the drone is in {Mode(self.mode[index]).name}: only one in FLY or LEVEL can land")
+        above = self._references.sample(self._last_tick)[index, :3]
+        offset = float(self._state[index, 2] - above[2])
+        below = above - [0.0, 0.0, max(above[2], 0.0) + max(offset, 0.0) + _LANDING_DEPTH]
+        time = 1.875 * (above[2] - below[2]) / _LANDING_SPEED  # the quintic's top speed is 1.875 times its mean
+        rest, begin = np.zeros((2, 3)), self._last_tick
+        yaw = float(self._references.yaw[index])
+        self.refer(index, Trajectory.through([begin, begin + time], [above, below], rest, rest, yaw))
+        # a landing keeps its gain: with a smaller one the drone would rise above the reference first
+        self._landing[index], self._offset[index], self._referred[index] = True, offset, False
+
+    def hand_over(self, index: int) -> None:
+        """Fall silent about drone index in flight: from now on somebody else must command it, within 0.5 s.
+
+        Raises:
+            FlatsatError: it does not fly.
+        """
+        if self.mode[index] != Mode.FLY:
+            raise FlatsatError(f"the drone is in {Mode(self.mode[index]).name}: only one in FLY can be handed over")
+        self.mode[index], self._requested[index] = Mode.IDLE, False
 
     def measure(
         self, index: int, stamp: float, position: Sequence[float], quaternion: Sequence[float], now: float
@@ -109,9 +183,15 @@ class Pilot:
         self._last_tick = now
         state = self.estimator.estimate(now)
         usable = self.estimator.usable(now, self.policy.pose_timeout)
-        self._advance_modes(now, usable, state[:, 2])
-
         reference = self._references.sample(now)
+        self._state, self._usable = state, usable
+        # the reference has left the drone behind, and the drone rests: it stands on something
+        below = state[:, 2] - reference[:, 2] - self._offset > _TOUCH_DOWN_DISTANCE
+        resting = self._landing & below & (np.abs(state[:, 5]) < _TOUCH_DOWN_SPEED)
+        self._resting_since = np.where(resting, np.minimum(self._resting_since, now), np.inf)
+        down = now - self._resting_since >= _TOUCH_DOWN_TIME
+        self._advance_modes(now, usable, state[:, 2], down)
+
         disturbance = self._compensated()
         base = reference.copy()
         base[:, 6:] -= disturbance
@@ -155,8 +235,8 @@ class Pilot:
         factor = np.where(self.mode == Mode.FLY.value, np.minimum(1.0, most / np.maximum(size, _TINY)), 0.0)
         return np.asarray(estimate * factor[:, np.newaxis])
 
-    def _advance_modes(self, now: float, usable: np.ndarray, height: FloatArray) -> None:
-        for i in np.flatnonzero((self.mode != Mode.FLY.value) | ~usable):
+    def _advance_modes(self, now: float, usable: np.ndarray, height: FloatArray, down: np.ndarray) -> None:
+        for i in np.flatnonzero((self.mode != Mode.FLY.value) | ~usable | down):
             before = Mode(self.mode[i])
             after = next_mode(
                 before,
@@ -164,13 +244,14 @@ class Pilot:
                 requested=bool(self._requested[i]),
                 usable=bool(usable[i]),
                 height=float(height[i]),
+                down=bool(down[i]),
                 policy=self.policy,
             )
             if after is before:
                 continue
             self.mode[i], self._since[i] = after, now
-            if after is Mode.CUT:
-                self._requested[i] = False
+            if after in (Mode.CUT, Mode.REST):
+                self._requested[i] = self._landing[i] = False
             elif after is Mode.FLY and before is not Mode.LEVEL:
                 self.memory.gain[i] = self._controller.tuning.gain_initial[i]
 

@@ -4,9 +4,12 @@
       |                                                                   ^                              |
       +-------------------------- reference, estimate, in the air --------+     UNLOCK <--new reference--+
 
+    FLY --landing, touched down--> REST --rest time--> IDLE
+
 IDLE is silent, so that starting the controller never takes a drone away from whoever flies it. A command is computed
 from poses in FLY only. In LEVEL, when the estimate is not usable, the drone is kept level and sinks slowly; with poses
-back in time it flies on. CUT stops the motors and stays until the user gives a new reference.
+back in time it flies on. CUT stops the motors and stays until the user gives a new reference. REST streams zero thrust
+after a landing for longer than the firmware's watchdogs wait: silence right after it would lock the drone until reboot.
 """
 
 from __future__ import annotations
@@ -27,6 +30,7 @@ class Mode(IntEnum):
     FLY = 2
     LEVEL = 3
     CUT = 4
+    REST = 5
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,7 @@ class Policy:
         pose_timeout: age, s, above which a pose is stale and the drone is levelled.
         level_time: s of level descent without poses before the motors are cut.
         unlock_time: s of zero thrust that open the firmware's thrust lock before take-off.
+        rest_time: s of zero thrust after touch-down; the firmware needs more than 1.8 s.
         ground_height: m, world frame: a drone below it is taken to stand on the ground when its reference arrives.
         level_thrust: thrust while levelled, as a fraction of gravity, at most 1, so that it sinks slowly.
         disturbance_max: largest disturbance, m/s^2, that is compensated in flight; 0 is the paper's law.
@@ -48,20 +53,24 @@ class Policy:
     pose_timeout: float = 0.3
     level_time: float = 3.0
     unlock_time: float = 0.3
+    rest_time: float = 2.5
     ground_height: float = 0.15
     level_thrust: float = 0.95
     disturbance_max: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, unit in (("pose_timeout", "s"), ("level_time", "s"), ("unlock_time", "s"), ("level_thrust", "g")):
-            require_positive(name, getattr(self, name), unit)
+        for name in ("pose_timeout", "level_time", "unlock_time", "rest_time"):
+            require_positive(name, getattr(self, name), "s")
+        require_positive("level_thrust", self.level_thrust, "g")
         require(self.level_thrust <= 1.0, "level_thrust", f"{self.level_thrust} g", "at most 1 g, or it would climb")
         most = self.disturbance_max
         require(0.0 <= most < math.inf, "disturbance_max", f"{most} m/s^2", "a finite number of at least 0")
         require(math.isfinite(self.ground_height), "ground_height", f"{self.ground_height} m", "a finite number")
 
 
-def next_mode(mode: Mode, elapsed: float, *, requested: bool, usable: bool, height: float, policy: Policy) -> Mode:
+def next_mode(
+    mode: Mode, elapsed: float, *, requested: bool, usable: bool, height: float, down: bool, policy: Policy
+) -> Mode:
     """Return the mode that follows.
 
     Args:
@@ -70,10 +79,15 @@ def next_mode(mode: Mode, elapsed: float, *, requested: bool, usable: bool, heig
         requested: a reference was given since the motors were last cut.
         usable: the estimate can be flown on.
         height: estimated z, m.
+        down: the drone was asked to land and has touched down.
         policy: the figures.
     """
     if mode is Mode.FLY:
-        return Mode.FLY if usable else Mode.LEVEL
+        if not usable:
+            return Mode.LEVEL
+        return Mode.REST if down else Mode.FLY
+    if mode is Mode.REST:
+        return Mode.IDLE if elapsed >= policy.rest_time else Mode.REST
     if mode is Mode.LEVEL:
         if usable:
             return Mode.FLY

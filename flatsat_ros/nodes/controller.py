@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -15,6 +16,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from flatsat_ros._resources import config_path
@@ -34,6 +36,9 @@ from flatsat_ros.nodes import interfaces, messages, runtime
 from flatsat_ros.nodes.parameters import declare, declare_override, require_float_or_unset, robot_names
 
 _DIAGNOSTICS_PERIOD = 1.0  # s
+
+Answer = TypeVar("Answer", SetBool.Response, Trigger.Response)
+
 # how long the last commands may take to be acknowledged, s
 _FAREWELL = 0.5
 
@@ -89,6 +94,9 @@ class ControllerNode(Node):  # type: ignore[misc]
             declare(self, name, default, meaning, unit=unit, bounds=valid, changeable=True)
             for robot in self.robots:
                 declare_override(self, f"robots.{robot}.{name}", meaning, unit)
+        self._takeoff_height = declare(
+            self, "takeoff_height", 0.5, "how high the takeoff service sends a drone", unit="m", bounds=(0.05, 100.0)
+        )
         declare(self, "restart_gain", True, "a far new reference restarts the gain at gamma_0", changeable=True)
         self._pilot = Pilot(self._certificate, self._tuning_with({}), policy, len(self.robots))
         self.add_on_set_parameters_callback(self._check_parameters)
@@ -107,6 +115,8 @@ class ControllerNode(Node):  # type: ignore[misc]
         self._diagnostics = self.create_publisher(
             interfaces.DIAGNOSTICS_KIND, interfaces.DIAGNOSTICS, interfaces.DIAGNOSTICS_QOS
         )
+        for robot in (*self.robots, interfaces.ALL):
+            self._serve(robot)
         self.create_timer(self._certificate.period, self._on_tick)
         self.create_timer(_DIAGNOSTICS_PERIOD, self._on_diagnostics)
         self.get_logger().info(
@@ -135,6 +145,41 @@ class ControllerNode(Node):  # type: ignore[misc]
         )
         self._command_publishers.append(self.create_publisher(command.kind, command.of(robot), command.publish))
         self._telemetry_publishers.append(self.create_publisher(report.kind, report.of(robot), report.publish))
+
+    def _serve(self, robot: str) -> None:
+        """Offer the services of one robot, or of all."""
+        indices = range(len(self.robots)) if robot == interfaces.ALL else [self.robots.index(robot)]
+        actions: dict[str, Callable[[int], None]] = {
+            "takeoff": lambda index: self._pilot.take_off(index, self._takeoff_height),
+            "land": self._pilot.land,
+            "hand_over": self._pilot.hand_over,
+        }
+        for name in interfaces.TRIGGERS:
+            self.create_service(
+                Trigger,
+                interfaces.service_of(robot, name),
+                lambda _, answer, name=name: self._answer(answer, name, indices, actions[name]),
+            )
+        self.create_service(
+            SetBool,
+            interfaces.service_of(robot, interfaces.ARM),
+            lambda request, answer: self._answer(
+                answer, "arm" if request.data else "disarm", indices, lambda i: self._pilot.arm(i, request.data)
+            ),
+        )
+
+    def _answer(self, answer: Answer, name: str, indices: Sequence[int], act: Callable[[int], None]) -> Answer:
+        """Do something with some drones and say how it went for each; a refusal for one does not stop the others."""
+        refused = []
+        for index in indices:
+            try:
+                act(index)
+            except FlatsatError as error:
+                refused.append(f"{self.robots[index]}: {name} refused: {error}")
+        answer.success, answer.message = not refused, "; ".join(refused)
+        for sentence in refused:
+            self.get_logger().error(sentence)
+        return answer
 
     def _seconds(self, nanoseconds: int) -> float:
         """Return a clock reading as seconds since the node's start: small enough to keep nanoseconds in a float."""

@@ -43,6 +43,18 @@ TRAJECTORY = Topic("trajectory", MultiDOFJointTrajectory, _reliable(10), _reliab
 COMMAND = Topic("cmd_vel_legacy", Twist, _reliable(1), _reliable(1))
 TELEMETRY = Topic("flatsat/telemetry", Float64MultiArray, _reliable(10), _reliable(10))
 
+# The life-cycle of a flight, as services `<robot>/flatsat/<name>` and `all/flatsat/<name>`: the prefix keeps them from
+# clashing with those of crazyswarm2.
+ALL = "all"
+TRIGGERS = ("takeoff", "land", "hand_over")
+ARM = "arm"
+
+
+def service_of(robot: str, name: str) -> str:
+    """Return the name of one robot's service, or of all robots' for ALL."""
+    return f"{robot}/flatsat/{name}"
+
+
 DIAGNOSTICS = "/diagnostics"
 DIAGNOSTICS_KIND = DiagnosticArray
 DIAGNOSTICS_QOS = _reliable(10)

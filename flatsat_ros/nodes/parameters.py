@@ -84,7 +84,7 @@ def robot_names(names: Sequence[str]) -> list[str]:
     """Return the robots' names, refusing what cannot be part of a topic name.
 
     Raises:
-        FlatsatError: none is given, one is not a ROS name, or one is given twice.
+        FlatsatError: none is given, one is not a ROS name or means all robots, or one is given twice.
     """
     if not names:
         raise FlatsatError("parameter robot_names is empty: must name at least one robot, as in [cf1, cf2]")
@@ -94,6 +94,8 @@ def robot_names(names: Sequence[str]) -> list[str]:
             raise FlatsatError(
                 f"robot name {name!r}: must begin with a letter and have only letters, digits and underscores"
             )
+    if "all" in names:
+        raise FlatsatError("robot name 'all': stands for all robots; choose another")
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise FlatsatError(f"robot name {twice[0]!r} is given twice: names must differ")

@@ -14,28 +14,31 @@ from flatsat_ros.core.supervisor import Mode, Policy, next_mode
 
 POLICY = Policy(pose_timeout=0.3, level_time=3.0, unlock_time=0.5, ground_height=0.15, level_thrust=0.9)
 
-# mode, requested, usable, on the ground, its time is over: next mode; None where it does not matter
+# mode, requested, usable, on the ground, its time is over, down: next mode; None where it does not matter
 TABLE = [
-    (Mode.IDLE, False, None, None, None, Mode.IDLE),
-    (Mode.IDLE, True, False, None, None, Mode.IDLE),
-    (Mode.IDLE, True, True, True, None, Mode.UNLOCK),
-    (Mode.IDLE, True, True, False, None, Mode.FLY),
-    (Mode.UNLOCK, False, None, None, None, Mode.IDLE),
-    (Mode.UNLOCK, True, False, None, None, Mode.IDLE),
-    (Mode.UNLOCK, True, True, None, False, Mode.UNLOCK),
-    (Mode.UNLOCK, True, True, None, True, Mode.FLY),
-    (Mode.FLY, None, True, None, None, Mode.FLY),
-    (Mode.FLY, None, False, None, None, Mode.LEVEL),
-    (Mode.LEVEL, None, True, None, None, Mode.FLY),
-    (Mode.LEVEL, None, False, None, False, Mode.LEVEL),
-    (Mode.LEVEL, None, False, None, True, Mode.CUT),
-    (Mode.CUT, False, None, None, None, Mode.CUT),
-    (Mode.CUT, True, False, None, None, Mode.CUT),
-    (Mode.CUT, True, True, None, None, Mode.UNLOCK),
+    (Mode.IDLE, False, None, None, None, None, Mode.IDLE),
+    (Mode.IDLE, True, False, None, None, None, Mode.IDLE),
+    (Mode.IDLE, True, True, True, None, None, Mode.UNLOCK),
+    (Mode.IDLE, True, True, False, None, None, Mode.FLY),
+    (Mode.UNLOCK, False, None, None, None, None, Mode.IDLE),
+    (Mode.UNLOCK, True, False, None, None, None, Mode.IDLE),
+    (Mode.UNLOCK, True, True, None, False, None, Mode.UNLOCK),
+    (Mode.UNLOCK, True, True, None, True, None, Mode.FLY),
+    (Mode.FLY, None, True, None, None, False, Mode.FLY),
+    (Mode.FLY, None, True, None, None, True, Mode.REST),
+    (Mode.FLY, None, False, None, None, None, Mode.LEVEL),
+    (Mode.LEVEL, None, True, None, None, None, Mode.FLY),
+    (Mode.LEVEL, None, False, None, False, None, Mode.LEVEL),
+    (Mode.LEVEL, None, False, None, True, None, Mode.CUT),
+    (Mode.CUT, False, None, None, None, None, Mode.CUT),
+    (Mode.CUT, True, False, None, None, None, Mode.CUT),
+    (Mode.CUT, True, True, None, None, None, Mode.UNLOCK),
+    (Mode.REST, None, None, None, False, None, Mode.REST),
+    (Mode.REST, None, None, None, True, None, Mode.IDLE),
 ]
 
 HEIGHTS = {True: (-1.0, 0.0, 0.1499), False: (0.15, 1.0)}
-DURATION = {Mode.UNLOCK: POLICY.unlock_time, Mode.LEVEL: POLICY.level_time}
+DURATION = {Mode.UNLOCK: POLICY.unlock_time, Mode.LEVEL: POLICY.level_time, Mode.REST: POLICY.rest_time}
 
 
 @pytest.mark.parametrize("mode", list(Mode))
@@ -44,43 +47,50 @@ DURATION = {Mode.UNLOCK: POLICY.unlock_time, Mode.LEVEL: POLICY.level_time}
 def test_every_transition_is_the_tables(mode: Mode, requested: bool, usable: bool) -> None:
     limit = DURATION.get(mode, 1.0)
     ages = {False: (0.0, limit / 2.0, math.nextafter(limit, 0.0)), True: (limit, 10.0 * limit, math.inf)}
-    for ground, over in itertools.product([False, True], repeat=2):
-        present = (mode, requested, usable, ground, over)
-        rows = [row for row in TABLE if all(a in (None, b) for a, b in zip(row[:5], present, strict=True))]
+    for ground, over, down in itertools.product([False, True], repeat=3):
+        present = (mode, requested, usable, ground, over, down)
+        rows = [row for row in TABLE if all(a in (None, b) for a, b in zip(row[:6], present, strict=True))]
         assert len(rows) == 1, "the table itself must be complete and unique"
         for height, elapsed in itertools.product(HEIGHTS[ground], ages[over]):
-            after = next_mode(mode, elapsed, requested=requested, usable=usable, height=height, policy=POLICY)
-            assert after is rows[0][5]
+            after = next_mode(
+                mode, elapsed, requested=requested, usable=usable, height=height, down=down, policy=POLICY
+            )
+            assert after is rows[0][6]
 
 
 @given(
     events=st.lists(
-        st.tuples(st.booleans(), st.booleans(), st.floats(-0.5, 2.0), st.floats(0.0, 2.0)), min_size=1, max_size=40
+        st.tuples(st.booleans(), st.booleans(), st.floats(-0.5, 2.0), st.floats(0.0, 2.0), st.booleans()),
+        min_size=1,
+        max_size=40,
     )
 )
 def test_in_no_history_a_drone_is_steered_blindly_or_leaves_the_cut_unasked(
-    events: list[tuple[bool, bool, float, float]],
+    events: list[tuple[bool, bool, float, float, bool]],
 ) -> None:
     mode, elapsed, requested, powered = Mode.IDLE, math.inf, False, 0.0
-    for new_reference, usable, height, dt in events:
+    for new_reference, usable, height, dt, down in events:
         requested = requested or new_reference
-        after = next_mode(mode, elapsed, requested=requested, usable=usable, height=height, policy=POLICY)
+        after = next_mode(mode, elapsed, requested=requested, usable=usable, height=height, down=down, policy=POLICY)
         if after is Mode.FLY:
             assert usable
         if mode is Mode.CUT and after is not Mode.CUT:
             assert requested
             assert after is Mode.UNLOCK, "the firmware's lock must be opened again"
         if after is Mode.IDLE:
-            assert mode in (Mode.IDLE, Mode.UNLOCK), "a drone in the air is never left alone"
+            assert mode in (Mode.IDLE, Mode.UNLOCK, Mode.REST), "a drone in the air is never left alone"
+        if after is Mode.REST and mode is not Mode.REST:
+            assert down
+            assert mode is Mode.FLY
         elapsed = elapsed + dt if after is mode else dt
         powered = powered + dt if after is Mode.LEVEL and mode is Mode.LEVEL else 0.0
         assert powered <= POLICY.level_time + dt
-        if after is Mode.CUT and mode is not Mode.CUT:
+        if after in (Mode.CUT, Mode.REST) and mode is not after:
             requested = False
         mode = after
 
 
-@pytest.mark.parametrize("name", ["pose_timeout", "level_time", "unlock_time", "level_thrust"])
+@pytest.mark.parametrize("name", ["pose_timeout", "level_time", "unlock_time", "rest_time", "level_thrust"])
 @pytest.mark.parametrize("bad", [0.0, -1.0, math.nan, math.inf, "1", True])
 def test_times_and_thrust_must_be_positive_numbers(name: str, bad: float) -> None:
     with pytest.raises(FlatsatError, match=f"{name} = "):

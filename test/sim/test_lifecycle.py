@@ -1,0 +1,158 @@
+"""A flight's life-cycle on the simulated Crazyflie with its firmware: take off, land, hand over, disarm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flatsat_ros.core.certificate import Certificate
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.gain import Tuning
+from flatsat_ros.core.pilot import Pilot, Tick
+from flatsat_ros.core.reference import Trajectory
+from flatsat_ros.core.supervisor import Mode, Policy
+from flatsat_ros.core.vehicle import VehicleProfile
+from flatsat_ros.core.wire import WireSetpoint
+from flatsat_ros.sim.fleet import SimulatedFleet
+from flatsat_ros.sim.flight import fly
+from flatsat_ros.sim.sensor import MotionCapture, Sample
+
+CONFIG = Path(__file__).parents[2] / "config"
+CERTIFICATE = Certificate.load(CONFIG / "paper_experiment.yaml")
+VEHICLE = VehicleProfile.load(CONFIG / "vehicles" / "cf21.yaml")
+
+
+class Flight:
+    """One drone on the floor and its pilot.
+
+    Attributes:
+        modes: flight modes so far, repetitions removed.
+        thrusts: thrust set-points so far, PWM.
+    """
+
+    def __init__(self, *, scale: float = 1.0, mu: float = 2.0, compensated: float = 0.0, floor: float = 0.0) -> None:
+        policy = Policy(disturbance_max=compensated, ground_height=floor + 0.15)
+        self.pilot = Pilot(CERTIFICATE, Tuning(mu, 0.05, 1.0, CERTIFICATE.gain_max), policy, 1)
+        self.fleet = SimulatedFleet(
+            VEHICLE, 1, start=[[0.0, 0.0, floor]], floor=floor, thrust_scale=scale, capture=MotionCapture(noise=5e-4)
+        )
+        self.modes: list[Mode] = []
+        self.thrusts: list[float] = []
+        self.ticks = 0
+        self.let_pass(0.5)
+
+    @property
+    def height(self) -> float:
+        return float(self.fleet.bodies.position[0, 2])
+
+    def let_pass(self, seconds: float) -> None:
+        begin = self.ticks * CERTIFICATE.period
+        fly(self.pilot, self.fleet, VEHICLE, begin + seconds, self._observe, start=begin)
+
+    def _observe(self, _now: float, _samples: list[Sample], tick: Tick, sent: dict[int, WireSetpoint]) -> None:
+        self.ticks += 1
+        mode = Mode(int(tick.mode[0]))
+        if self.modes[-1:] != [mode]:
+            self.modes.append(mode)
+        self.thrusts += [setpoint.thrust for setpoint in sent.values()]
+
+
+@pytest.mark.parametrize("floor", [0.0, -0.4, 0.7])
+def test_a_drone_takes_off_lands_and_can_take_off_again(floor: float) -> None:
+    flight = Flight(floor=floor)
+    for _ in range(2):
+        flight.modes.clear()
+        flight.pilot.take_off(0, 0.6)
+        flight.let_pass(6.0)
+        assert flight.height == pytest.approx(floor + 0.6, abs=0.15)
+        flight.pilot.land(0)
+        flight.let_pass(16.0)
+        assert flight.modes == [Mode.IDLE, Mode.UNLOCK, Mode.FLY, Mode.REST, Mode.IDLE][-len(flight.modes) :]
+        assert flight.height == pytest.approx(floor, abs=1e-3)
+        assert flight.thrusts[-1] == 0.0
+
+
+@pytest.mark.parametrize("scale", [0.93, 1.0, 1.1])
+@pytest.mark.parametrize("mu", [0.0, 2.0])
+@pytest.mark.parametrize("compensated", [0.0, 0.8])
+def test_no_thrust_error_makes_it_take_the_air_for_the_floor(scale: float, mu: float, compensated: float) -> None:
+    flight = Flight(scale=scale, mu=mu, compensated=compensated)
+    flight.pilot.take_off(0, 1.5)
+    flight.let_pass(10.0)
+    flight.pilot.land(0)
+    while Mode.REST not in flight.modes:
+        flight.let_pass(0.1)
+        assert flight.ticks < 600, "it never touched down"
+    assert flight.height < 0.02
+
+
+def test_after_the_landing_zeros_are_sent_for_longer_than_the_firmware_watches() -> None:
+    flight = Flight()
+    flight.pilot.take_off(0, 0.5)
+    flight.let_pass(6.0)
+    flight.pilot.land(0)
+    flight.let_pass(16.0)
+    zeros = len(flight.thrusts) - np.flatnonzero(flight.thrusts)[-1] - 1
+    assert zeros * CERTIFICATE.period > 1.8
+    assert flight.modes[-1] is Mode.IDLE
+
+
+def test_a_new_goal_ends_the_landing() -> None:
+    flight = Flight()
+    flight.pilot.take_off(0, 1.0)
+    flight.let_pass(6.0)
+    flight.pilot.land(0)
+    flight.let_pass(1.0)
+    flight.pilot.refer(0, Trajectory.hold([0.0, 0.0, 1.2]))
+    flight.let_pass(10.0)
+    assert flight.modes[-1] is Mode.FLY
+    assert flight.height == pytest.approx(1.2, abs=0.15)
+
+
+def test_what_is_unsafe_is_refused_with_the_reason() -> None:
+    flight = Flight()
+    pilot = flight.pilot
+    with pytest.raises(FlatsatError, match="in IDLE: only one in FLY or LEVEL can land"):
+        pilot.land(0)
+    with pytest.raises(FlatsatError, match="in IDLE: only one in FLY can be handed over"):
+        pilot.hand_over(0)
+    with pytest.raises(FlatsatError, match=r"height = -1\.0 m"):
+        pilot.take_off(0, -1.0)
+    pilot.take_off(0, 0.5)
+    flight.let_pass(4.0)
+    with pytest.raises(FlatsatError, match="only one on the ground takes off"):
+        pilot.take_off(0, 0.5)
+    with pytest.raises(FlatsatError, match="in FLY: it can be disarmed in IDLE or CUT only; land it first"):
+        pilot.arm(0, False)
+    unseen = Pilot(CERTIFICATE, Tuning(2.0, 0.05, 1.0, 2.0), Policy(), 1)
+    unseen.tick(0.0)
+    with pytest.raises(FlatsatError, match="pose is not known"):
+        unseen.take_off(0, 0.5)
+
+
+def test_a_disarmed_drone_stays_on_the_ground_until_it_is_armed() -> None:
+    flight = Flight()
+    flight.pilot.arm(0, False)
+    with pytest.raises(FlatsatError, match="disarmed: arm it first"):
+        flight.pilot.refer(0, Trajectory.hold([0.0, 0.0, 1.0]))
+    with pytest.raises(FlatsatError, match="disarmed: arm it first"):
+        flight.pilot.take_off(0, 0.5)
+    flight.let_pass(2.0)
+    assert (flight.modes, flight.thrusts) == ([Mode.IDLE], [])
+    flight.pilot.arm(0, True)
+    flight.pilot.take_off(0, 0.5)
+    flight.let_pass(3.0)
+    assert flight.modes[-1] is Mode.FLY
+
+
+def test_a_drone_handed_over_is_not_commanded_any_more() -> None:
+    flight = Flight()
+    flight.pilot.take_off(0, 0.5)
+    flight.let_pass(4.0)
+    flight.pilot.hand_over(0)
+    sent = len(flight.thrusts)
+    flight.let_pass(2.0)
+    assert flight.modes[-1] is Mode.IDLE
+    assert len(flight.thrusts) == sent
