@@ -76,3 +76,7 @@ def test_every_topic_is_documented(page: str) -> None:
     table = first_columns(section(page, "## Topics"))
     topics = (interfaces.POSE, interfaces.GOAL, interfaces.TRAJECTORY, interfaces.COMMAND, interfaces.TELEMETRY)
     assert {topic.of("<robot>") for topic in topics} | {interfaces.DIAGNOSTICS} <= table
+
+
+def test_every_service_is_documented(page: str) -> None:
+    assert first_columns(section(page, "## Services")) == {*interfaces.TRIGGERS, interfaces.ARM}

@@ -38,7 +38,8 @@ def test_a_drone_is_disarmed_armed_flown_and_landed_by_services(lab: Lab, who: s
     assert ask(lab, SetBool, interfaces.service_of(who, "arm"), data=False).success
     assert "disarmed: arm it first" in ask(lab, Trigger, interfaces.service_of(who, "takeoff")).message
     assert ask(lab, SetBool, interfaces.service_of(who, "arm"), data=True).success
-    assert ask(lab, Trigger, interfaces.service_of(who, "takeoff")).success
+    # refused until the controller, too, has seen enough poses
+    lab.wait(lambda: ask(lab, Trigger, interfaces.service_of(who, "takeoff")).success, "the take-off")
     lab.wait_for_flight("cf1", poses, (0.0, 0.0, 0.4), 0.15)
     assert "land it first" in ask(lab, SetBool, interfaces.service_of(who, "arm"), data=False).message
     assert ask(lab, Trigger, interfaces.service_of(who, "land")).success
