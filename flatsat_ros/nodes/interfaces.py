@@ -8,6 +8,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, Twist
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
@@ -41,6 +42,7 @@ POSE = Topic("pose", PoseStamped, _reliable(10), QoSProfile(depth=10, reliabilit
 GOAL = Topic("goal_pose", PoseStamped, _reliable(10), _reliable(10))
 TRAJECTORY = Topic("trajectory", MultiDOFJointTrajectory, _reliable(10), _reliable(10))
 COMMAND = Topic("cmd_vel_legacy", Twist, _reliable(1), _reliable(1))
+BATTERY = Topic("battery", BatteryState, _reliable(10), _reliable(10))
 TELEMETRY = Topic("flatsat/telemetry", Float64MultiArray, _reliable(10), _reliable(10))
 
 # The life-cycle of a flight, as services `<robot>/flatsat/<name>` and `all/flatsat/<name>`: the prefix keeps them from
@@ -48,11 +50,23 @@ TELEMETRY = Topic("flatsat/telemetry", Float64MultiArray, _reliable(10), _reliab
 ALL = "all"
 TRIGGERS = ("takeoff", "land", "hand_over")
 ARM = "arm"
+# of crazyswarm2's server and whatever takes its place, directly below the robot's name
+EMERGENCY = "emergency"
 
 
 def service_of(robot: str, name: str) -> str:
     """Return the name of one robot's service, or of all robots' for ALL."""
     return f"{robot}/flatsat/{name}"
+
+
+# services of the drone itself, named as crazyswarm2's server names them
+EMERGENCY = "emergency"
+REBOOT = "reboot"
+
+
+def drone_service_of(robot: str, name: str) -> str:
+    """Return the name of a service of one drone, or of all for ALL."""
+    return f"{robot}/{name}"
 
 
 DIAGNOSTICS = "/diagnostics"

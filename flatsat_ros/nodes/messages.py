@@ -10,6 +10,7 @@ import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, Quaternion, Transform, Twist, Vector3
+from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
@@ -152,6 +153,18 @@ def message_from_trajectory(trajectory: Trajectory, start: int) -> MultiDOFJoint
                 time_from_start=Duration(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS),
             )
         )
+    return message
+
+
+def battery_message(nanoseconds: int, voltage: float) -> BatteryState:
+    """Return the state of a battery of which only the voltage, V, is known; NaN stands for the rest, as the type asks."""
+    unknown = float("nan")
+    message = BatteryState(voltage=voltage, temperature=unknown, current=unknown, charge=unknown, capacity=unknown)
+    message.design_capacity = message.percentage = unknown
+    message.power_supply_status = BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
+    message.power_supply_technology = BatteryState.POWER_SUPPLY_TECHNOLOGY_LIPO
+    message.present = True
+    message.header.stamp = stamp_from_nanoseconds(nanoseconds)
     return message
 
 

@@ -8,12 +8,13 @@ in the future, and no drone takes a stall of its own simulator for a lost link. 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, Twist
 from rclpy.node import Node
+from std_srvs.srv import Empty, SetBool, Trigger
 
 from flatsat_ros._resources import config_path
 from flatsat_ros.core.errors import FlatsatError
@@ -45,9 +46,12 @@ class SimDrone(Node):  # type: ignore[misc]
         self._refused = [0] * len(self.robots)
         self._pose = PoseStamped()
         self._pose.header.frame_id = "world"
-        self._pose_publishers = []
+        self._pose_publishers, self._battery_publishers = [], []
         for index, robot in enumerate(self.robots):
             self._connect(index, robot)
+            self._serve(index, robot)
+        everybody = interfaces.drone_service_of(interfaces.ALL, interfaces.EMERGENCY)
+        self.create_service(Empty, everybody, lambda _, answer: self._stop(range(len(self.robots)), answer))
         self._diagnostics = self.create_publisher(
             interfaces.DIAGNOSTICS_KIND, interfaces.DIAGNOSTICS, interfaces.DIAGNOSTICS_QOS
         )
@@ -122,9 +126,38 @@ class SimDrone(Node):  # type: ignore[misc]
     def _connect(self, index: int, robot: str) -> None:
         pose, command = interfaces.POSE, interfaces.COMMAND
         self._pose_publishers.append(self.create_publisher(pose.kind, pose.of(robot), pose.publish))
+        battery = interfaces.BATTERY
+        self._battery_publishers.append(self.create_publisher(battery.kind, battery.of(robot), battery.publish))
         self.create_subscription(
             command.kind, command.of(robot), lambda m: self._on_command(index, m), command.subscribe
         )
+
+    def _serve(self, index: int, robot: str) -> None:
+        """Offer what the drone's own link offers beside set-points."""
+        emergency, arm, reboot = (
+            interfaces.drone_service_of(robot, name)
+            for name in (interfaces.EMERGENCY, interfaces.ARM, interfaces.REBOOT)
+        )
+        self.create_service(Empty, emergency, lambda _, answer: self._stop([index], answer))
+        self.create_service(SetBool, arm, lambda request, answer: self._arm(index, request.data, answer))
+        self.create_service(Trigger, reboot, lambda _, answer: self._reboot(index, answer))
+
+    def _stop(self, indices: Iterable[int], answer: Empty.Response) -> Empty.Response:
+        for index in indices:
+            self._fleet.firmware.request_emergency(index)
+        return answer
+
+    def _arm(self, index: int, armed: bool, answer: SetBool.Response) -> SetBool.Response:
+        answer.success = self._fleet.firmware.request_arming(index, armed)
+        if not answer.success:
+            state = State(self._fleet.firmware.state[index]).name
+            answer.message = f"{self.robots[index]}: arming refused in state {state}: must be PREFLIGHT_PASSED"
+        return answer
+
+    def _reboot(self, index: int, answer: Trigger.Response) -> Trigger.Response:
+        self._fleet.reboot(index)
+        answer.success = True
+        return answer
 
     def _on_command(self, index: int, message: Twist) -> None:
         """Hand a set-point over as it is: NaN angles as well, which the firmware does not check either."""
@@ -150,7 +183,8 @@ class SimDrone(Node):  # type: ignore[misc]
     def _on_diagnostics(self) -> None:
         firmware, bodies, power = self._fleet.firmware, self._fleet.bodies, self._fleet.power
         message = interfaces.DIAGNOSTICS_KIND()
-        message.header.stamp = self.get_clock().now().to_msg()
+        now = self.get_clock().now().nanoseconds
+        message.header.stamp = messages.stamp_from_nanoseconds(now)
         paused = (self._epoch - self._started) / messages.NANOSECONDS
         for index, robot in enumerate(self.robots):
             level, text = self._condition(index)
@@ -164,6 +198,7 @@ class SimDrone(Node):  # type: ignore[misc]
                 "paused s": f"{paused:.2f}",
             }
             message.status.append(messages.diagnostic_status(f"{self.get_name()}: {robot}", robot, level, text, values))
+            self._battery_publishers[index].publish(messages.battery_message(now, float(power.voltage[index])))
         self._diagnostics.publish(message)
 
     def _condition(self, index: int) -> tuple[bytes, str]:

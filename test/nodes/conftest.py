@@ -234,6 +234,12 @@ class Lab:
         self.wait(request.done, "the answer of a service")
         return request.result()
 
+    def ask(self, kind: type[Any], name: str, **fields: object) -> Any:
+        """Call a service, once it is there, and return its answer."""
+        client = self.node.create_client(kind, name)
+        self.wait(client.service_is_ready, f"the service {name}")
+        return self.answer(client.call_async(kind.Request(**fields)))
+
     def wait_for_flight(self, robot: str, poses: list[Any], goal: Sequence[float], tolerance: float) -> None:
         """Wait until a robot has stayed near a goal, m, for a second, by the stamps of its poses."""
         second = 100  # poses

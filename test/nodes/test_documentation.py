@@ -79,4 +79,6 @@ def test_every_topic_is_documented(page: str) -> None:
 
 
 def test_every_service_is_documented(page: str) -> None:
-    assert first_columns(section(page, "## Services")) == {*interfaces.TRIGGERS, interfaces.ARM}
+    own = {interfaces.drone_service_of("<robot>", name) for name in ("emergency", "arm", "reboot")}
+    offered = {*interfaces.TRIGGERS, interfaces.ARM, *own, interfaces.drone_service_of(interfaces.ALL, "emergency")}
+    assert first_columns(section(page, "## Services")) == offered

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 from std_srvs.srv import SetBool, Trigger
@@ -15,13 +15,6 @@ if TYPE_CHECKING:
     from conftest import Lab
 
 
-def ask(lab: Lab, kind: type[Any], name: str, **fields: object) -> Any:
-    """Call a service of the controller."""
-    client = lab.node.create_client(kind, name)
-    lab.wait(client.service_is_ready, name)
-    return lab.answer(client.call_async(kind.Request(**fields)))
-
-
 @pytest.mark.parametrize("who", ["cf1", interfaces.ALL])
 def test_a_drone_is_disarmed_armed_flown_and_landed_by_services(lab: Lab, who: str) -> None:
     poses, telemetry = lab.watch(interfaces.POSE, "cf1"), lab.watch(interfaces.TELEMETRY, "cf1")
@@ -32,17 +25,17 @@ def test_a_drone_is_disarmed_armed_flown_and_landed_by_services(lab: Lab, who: s
     def mode() -> Mode:
         return Mode(int(telemetry[-1].data[FIELDS.index("mode")]))
 
-    refused = ask(lab, Trigger, interfaces.service_of(who, "land"))
+    refused = lab.ask(Trigger, interfaces.service_of(who, "land"))
     assert not refused.success
     assert "cf1: land refused: the drone is in IDLE: only one in FLY or LEVEL can land" in refused.message
-    assert ask(lab, SetBool, interfaces.service_of(who, "arm"), data=False).success
-    assert "disarmed: arm it first" in ask(lab, Trigger, interfaces.service_of(who, "takeoff")).message
-    assert ask(lab, SetBool, interfaces.service_of(who, "arm"), data=True).success
+    assert lab.ask(SetBool, interfaces.service_of(who, "arm"), data=False).success
+    assert "disarmed: arm it first" in lab.ask(Trigger, interfaces.service_of(who, "takeoff")).message
+    assert lab.ask(SetBool, interfaces.service_of(who, "arm"), data=True).success
     # refused until the controller, too, has seen enough poses
-    lab.wait(lambda: ask(lab, Trigger, interfaces.service_of(who, "takeoff")).success, "the take-off")
+    lab.wait(lambda: lab.ask(Trigger, interfaces.service_of(who, "takeoff")).success, "the take-off")
     lab.wait_for_flight("cf1", poses, (0.0, 0.0, 0.4), 0.15)
-    assert "land it first" in ask(lab, SetBool, interfaces.service_of(who, "arm"), data=False).message
-    assert ask(lab, Trigger, interfaces.service_of(who, "land")).success
+    assert "land it first" in lab.ask(SetBool, interfaces.service_of(who, "arm"), data=False).message
+    assert lab.ask(Trigger, interfaces.service_of(who, "land")).success
     lab.wait(lambda: mode() is Mode.REST, "the touch-down")
     assert poses[-1].pose.position.z < 0.02
     lab.wait(lambda: mode() is Mode.IDLE, "the end of the rest")

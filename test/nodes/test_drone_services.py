@@ -1,0 +1,43 @@
+"""The simulated drone's own services, as crazyswarm2's server names them, and its battery."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from std_srvs.srv import Empty, SetBool, Trigger
+
+from flatsat_ros.nodes import interfaces
+
+if TYPE_CHECKING:
+    from conftest import Lab
+
+
+@pytest.mark.parametrize("name", ["cf1/emergency", "all/emergency"])
+def test_an_emergency_stops_a_flying_drone_until_reboot(lab: Lab, name: str) -> None:
+    poses, battery = lab.watch(interfaces.POSE, "cf1"), lab.watch(interfaces.BATTERY, "cf1")
+    status = lab.watch_diagnostics("sim_drone: cf1")
+    lab.start("sim_drone", robot_names=["cf1"])
+    lab.fly("cf1")
+    lab.go_to("cf1", (0.0, 0.0, 0.5))
+    lab.wait(lambda: poses and poses[-1].pose.position.z > 0.3, "the climb")
+    lab.ask(Empty, name)
+    lab.wait(lambda: poses[-1].pose.position.z < 0.01, "the fall")
+    lab.listen(1.0)
+    assert poses[-1].pose.position.z < 0.01, "latched, whatever the controller sends"
+    assert lab.ask(Trigger, "cf1/reboot").success
+    lab.wait(lambda: status[-1].message not in ("motors off until reboot",), "the reboot")
+    assert battery[-1].voltage == pytest.approx(4.0, abs=0.5)
+    assert battery[-1].present
+
+
+def test_a_brushless_drone_flies_only_when_armed(lab: Lab) -> None:
+    poses = lab.watch(interfaces.POSE, "cf1")
+    lab.start("sim_drone", robot_names=["cf1"], vehicle="brushless")
+    lab.fly("cf1", vehicle="brushless")
+    lab.go_to("cf1", (0.0, 0.0, 0.5))
+    lab.wait(lambda: poses, "poses")
+    lab.listen(2.0)
+    assert poses[-1].pose.position.z < 0.01
+    lab.wait(lambda: lab.ask(SetBool, "cf1/arm", data=True).success, "the arming")
+    lab.wait(lambda: poses[-1].pose.position.z > 0.3, "the climb")
