@@ -1,4 +1,4 @@
-"""`ros2 run flatsat_ros synthesize`: limits and decay rate in, certificate out."""
+"""`ros2 run flatsat_ros synthesize`: limits and goals in, certificate out."""
 
 from __future__ import annotations
 
@@ -6,13 +6,19 @@ import argparse
 import math
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
+import numpy as np
+
 from flatsat_ros._resources import config_path
+from flatsat_ros.cli.synthesize_table import margins, table
 from flatsat_ros.core.certificate import Certificate
 from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.input_set import InputSet
+from flatsat_ros.core.loop import Timing
 from flatsat_ros.core.vehicle import VehicleProfile
 
 _GRAVITY = 9.81
@@ -36,11 +42,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: arguments without the program's name; those of the process if None.
 
     Returns:
-        0, or 2 after one line on stderr if the input cannot be used.
+        0, or 2 after one line on stderr if the input cannot be used or a certificate does not hold.
     """
     try:
         arguments = _parser().parse_args(argv)
-        if arguments.paper is not None:
+        if arguments.verify is not None:
+            _verify(arguments.verify)
+        elif arguments.paper is not None:
             _write_paper(arguments)
         else:
             _write_own(arguments)
@@ -50,11 +58,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
+def _numbers(text: str) -> list[float]:
+    """Read numbers separated by commas."""
+    return [float(item) for item in text.split(",")]
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="synthesize",
-        description="Compute a certificate: Lyapunov matrix, invariant set and gain interval of one vehicle.",
-        epilog="example: synthesize --vehicle cf21 --thrust-max-g 1.4 --rate 1.25 --output cf21.yaml",
+        description="Compute a certificate: Lyapunov matrix, invariant sets and gain interval of one vehicle's loop.",
+        epilog="example: synthesize --vehicle cf21 --cover 1.2,1.2,0.8 --output cf21.yaml --plot cf21.png",
         allow_abbrev=False,
     )
     own = parser.add_argument_group("inputs")
@@ -63,14 +76,28 @@ def _parser() -> argparse.ArgumentParser:
     thrust.add_argument("--thrust-max", type=float, metavar="M_S2", help="T_max, m/s^2, normalised by the mass")
     thrust.add_argument("--thrust-max-g", type=float, metavar="G", help="T_max as a multiple of g = 9.81 m/s^2")
     own.add_argument("--tilt-max-deg", type=float, metavar="DEG", help=f"eps_max (default: {_TILT_MAX_DEG})")
-    own.add_argument("--rate", type=float, metavar="1/S", help=f"decay rate alpha of V (default: {_RATE})")
     own.add_argument("--period", type=float, metavar="S", help=f"sampling period h (default: {_PERIOD})")
+    own.add_argument("--lag", type=float, metavar="S", help="lag tau of the acceleration (default: vehicle's, or 0)")
+    own.add_argument("--delay", type=float, metavar="S", help="delay d of the command (default: vehicle's, or 0)")
     own.add_argument(
-        "--vehicle", metavar="NAME_OR_PATH", help="vehicle profile: its thrust is the default of T_max and bounds it"
+        "--vehicle", metavar="NAME_OR_PATH", help="vehicle profile: lag, delay, and the bound and default of T_max"
     )
+    goals = parser.add_argument_group("goals")
+    goals.add_argument("--rate", type=float, metavar="1/S", help=f"decay rate alpha (default: {_RATE}) or beta")
+    goals.add_argument(
+        "--cover", type=_numbers, metavar="DX,DY,DZ[,VX,VY,VZ]", help="cover these start errors, m, m/s"
+    )
+    goals.add_argument("--drift", type=_numbers, metavar="H[,V]", help="withstand this drift of the position, m/s")
+    goals.add_argument("--push", type=_numbers, metavar="H[,V]", help="withstand this push, m/s^2")
+    goals.add_argument(
+        "--kappa", type=float, metavar="K", help="with lag or delay: certify kappa-sets down to this (default: 1)"
+    )
+    goals.add_argument("--gain-max", type=float, metavar="G", help="a smaller cap: larger sets with lag or delay")
     own.add_argument("--output", type=Path, metavar="FILE", help="certificate to write; without it nothing is written")
+    own.add_argument("--plot", type=Path, metavar="FILE", help="a page of pictures, PNG, PDF or SVG")
+    parser.add_argument("--verify", type=Path, metavar="FILE", help="only check this certificate and print its margins")
     paper = parser.add_argument_group("certificates of the paper")
-    paper.add_argument("--paper", choices=("simulation", "experiment", "all"), help="compute these instead")
+    paper.add_argument("--paper", choices=("simulation", "experiment", "robust", "all"), help="compute these instead")
     paper.add_argument("--output-dir", type=Path, metavar="DIR", help="folder to write them to (default: config)")
     parser.add_argument("--force", action="store_true", help="overwrite existing files")
     return parser
@@ -79,41 +106,113 @@ def _parser() -> argparse.ArgumentParser:
 def _write_own(arguments: argparse.Namespace) -> None:
     if arguments.output_dir is not None:
         raise FlatsatError("--output-dir goes with --paper; a certificate of your own is written to --output")
-    _require_writable(arguments.output, arguments.force)
-    limits, inputs = _limits(arguments)
+    for target in (arguments.output, arguments.plot):
+        _require_writable(target, arguments.force)
+    vehicle = None
+    if arguments.vehicle is not None:
+        vehicle = VehicleProfile.load(config_path(arguments.vehicle, "vehicles"))
+    limits, inputs = _limits(arguments, vehicle)
     name = arguments.name or (arguments.output.stem if arguments.output else "unnamed")
-    rate = _RATE if arguments.rate is None else arguments.rate
     period = _PERIOD if arguments.period is None else arguments.period
+    if arguments.drift is not None or arguments.push is not None:
+        certificate = _robust(arguments, limits, inputs, period, name)
+    else:
+        certificate = _nominal(arguments, vehicle, limits, inputs, period, name)
+    _finish(certificate, arguments, arguments.output)
 
-    from flatsat_ros.synthesis.nominal import synthesize  # cvxpy takes a second to import
 
-    certificate = synthesize(limits, rate, period, name, inputs)
-    _finish(certificate, arguments.output)
+def _nominal(
+    arguments: argparse.Namespace,
+    vehicle: VehicleProfile | None,
+    limits: InputSet,
+    inputs: dict[str, str],
+    period: float,
+    name: str,
+) -> Certificate:
+    from flatsat_ros.synthesis.goals import rate_covering  # cvxpy takes a second to import
+    from flatsat_ros.synthesis.nominal import synthesize
+
+    lag, delay = arguments.lag, arguments.delay
+    if vehicle is not None:
+        lag, delay = vehicle.lag if lag is None else lag, vehicle.delay if delay is None else delay
+    timing = Timing(period, lag or 0.0, delay or 0.0)
+    lowest = 1.0 if arguments.kappa is None else arguments.kappa
+    if not 0.0 < lowest <= 1.0:
+        raise FlatsatError(f"--kappa {lowest}: must lie in (0, 1]")
+    highest = math.inf if arguments.gain_max is None else arguments.gain_max
+    if not highest >= 1.0:
+        raise FlatsatError(f"--gain-max {highest}: must be at least 1")
+    rate = arguments.rate
+    if arguments.cover is not None:
+        inputs["cover"] = ",".join(map(str, arguments.cover))
+        if rate is None:
+            rate = rate_covering(limits, arguments.cover, timing, lowest, highest)
+    return synthesize(
+        limits,
+        _RATE if rate is None else rate,
+        period,
+        name,
+        inputs,
+        lag=timing.lag,
+        delay=timing.delay,
+        lowest=lowest,
+        highest=highest,
+    )
+
+
+def _robust(
+    arguments: argparse.Namespace, limits: InputSet, inputs: dict[str, str], period: float, name: str
+) -> Certificate:
+    if arguments.lag or arguments.delay or arguments.kappa is not None or arguments.gain_max is not None:
+        raise FlatsatError("--drift, --push: certified for the plain hold; drop --lag, --delay, --kappa, --gain-max")
+    from flatsat_ros.synthesis.goals import robust_rate_covering
+    from flatsat_ros.synthesis.robust import synthesize_robust
+
+    drift, push = (_pair(option, getattr(arguments, option)) for option in ("drift", "push"))
+    rate = arguments.rate
+    if arguments.cover is not None:
+        inputs["cover"] = ",".join(map(str, arguments.cover))
+        if rate is None:
+            rate = robust_rate_covering(limits, arguments.cover, period, drift, push)
+    return synthesize_robust(limits, drift, push, period, name, inputs, rate)
+
+
+def _pair(option: str, values: list[float] | None) -> FloatArray:
+    """Return (x and y, z) from one or two numbers."""
+    values = values or [0.0]
+    if len(values) > 2:
+        raise FlatsatError(f"--{option} {','.join(map(str, values))}: must be one number, or two as H,V")
+    return np.array([values[0], values[-1]])
 
 
 def _write_paper(arguments: argparse.Namespace) -> None:
-    others = ("name", "thrust_max", "thrust_max_g", "tilt_max_deg", "rate", "period", "vehicle", "output")
-    given = [f"--{name.replace('_', '-')}" for name in others if getattr(arguments, name) is not None]
+    others = set(vars(arguments)) - {"paper", "output_dir", "force", "verify"}
+    given = [f"--{name.replace('_', '-')}" for name in sorted(others) if getattr(arguments, name) is not None]
     if given:
         raise FlatsatError(f"{', '.join(given)}: the paper's certificates take no inputs; drop it or --paper")
 
     from flatsat_ros.synthesis.nominal import PAPER, synthesize_paper
+    from flatsat_ros.synthesis.robust import synthesize_paper_robust
 
-    names = [name for name in PAPER if arguments.paper in ("all", name.removeprefix("paper_"))]
+    makers = {name: partial(synthesize_paper, name) for name in PAPER} | {"paper_robust": synthesize_paper_robust}
+    names = [name for name in makers if arguments.paper in ("all", name.removeprefix("paper_"))]
     targets = {name: (arguments.output_dir or Path("config")) / f"{name}.yaml" for name in names}
     for target in targets.values():
         _require_writable(target, arguments.force)
     for name, target in targets.items():
-        _finish(synthesize_paper(name), target)
+        _finish(makers[name](), arguments, target)
 
 
-def _limits(arguments: argparse.Namespace) -> tuple[InputSet, dict[str, str]]:
+def _verify(path: Path) -> None:
+    """Check a certificate and print its margins."""
+    certificate = Certificate.load(path)
+    print(f"certificate {certificate.name} in {path} holds")
+    print("\n".join(margins(certificate)))
+
+
+def _limits(arguments: argparse.Namespace, vehicle: VehicleProfile | None) -> tuple[InputSet, dict[str, str]]:
     """Return the input set that the arguments ask for, and how they ask for it."""
-    vehicle = None
-    inputs = {}
-    if arguments.vehicle is not None:
-        vehicle = VehicleProfile.load(config_path(arguments.vehicle, "vehicles"))
-        inputs["vehicle"] = vehicle.name
+    inputs = {} if vehicle is None else {"vehicle": vehicle.name}
     if arguments.thrust_max_g is not None:
         thrust, inputs["thrust_max"] = arguments.thrust_max_g * _GRAVITY, f"{arguments.thrust_max_g} g"
     elif arguments.thrust_max is not None:
@@ -143,35 +242,31 @@ def _require_writable(target: Path | None, force: bool) -> None:
         raise FlatsatError(f"{target} exists: give --force to overwrite it")
 
 
-def _finish(certificate: Certificate, target: Path | None) -> None:
-    """Write the certificate and print it."""
+def _finish(certificate: Certificate, arguments: argparse.Namespace, target: Path | None) -> None:
+    """Write the certificate and its pictures, and print it."""
+    start = None
+    if arguments.cover is not None:
+        from flatsat_ros.synthesis.goals import corners
+
+        start = corners(arguments.cover)
+        if not certificate.sets.classify(start).guaranteed.all():
+            kappa = float(certificate.sets.kappa(start).min())
+            raise FlatsatError(
+                f"these start errors need kappa = {kappa:.4g}, certified is {certificate.gain_min:.4g} and more"
+                + (", or the disturbance lifts them out of D" if certificate.robust else "")
+                + ": without --rate the largest rate that covers them is chosen"
+            )
+    lines = table(certificate, start)
     if target is not None:
         certificate.save(target)
-    print(_table(certificate))
-    print(f"  written to {target}\n" if target is not None else "  not written: give --output FILE\n")
+    print(lines)
+    print(f"  written to {target}" if target is not None else "  not written: give --output FILE")
+    if arguments.plot is not None:
+        from flatsat_ros.cli.synthesize_pictures import draw
 
-
-def _table(certificate: Certificate) -> str:
-    limits, check = certificate.limits, certificate.provenance["cross_check"]
-    rest_radius = limits.inner_radius * math.sqrt(2.0) / certificate.rate**2
-    rows = [
-        ("thrust limit T_max", f"{limits.thrust_max:.6g} m/s^2 ({limits.thrust_max / limits.gravity:.4g} g)"),
-        ("tilt limit eps_max", f"{limits.tilt_max:.6g} rad ({math.degrees(limits.tilt_max):.4g} deg)"),
-        ("decay rate alpha", f"{certificate.rate:.6g} 1/s"),
-        ("P, per axis", "[[{:.7g}, {:.7g}], [{:.7g}, {:.7g}]]".format(*certificate.block.ravel())),
-        ("input ball rho", f"{certificate.ball:.7g} m^2/s^4"),
-        ("level eps", f"{certificate.level:.7g}"),
-        ("largest offset from rest", f"{rest_radius:.4g} m"),
-        ("period h", f"{certificate.period:.6g} s"),
-        ("gain interval", f"[{certificate.gain_min:.6g}, {certificate.gain_max:.6g}]"),
-        ("solver", f"{certificate.provenance['solver']}, {check['status']}"),
-        *((f"difference in {key} below", f"{value:.0e}") for key, value in check["relative_difference_below"].items()),
-    ]
-    lines = [f"certificate {certificate.name}", *(f"  {label:<26}{value}" for label, value in rows)]
-    lines.append("  relative margins (0: tight)")
-    # a tight inequality shows its rounding, of either sign; verify has bounded it
-    lines += [f"    {abs(round(value, 12)):<10.3g}{name}" for name, value in certificate.verify().items()]
-    return "\n".join(lines)
+        draw(certificate, arguments.plot)
+        print(f"  pictures in {arguments.plot}")
+    print()
 
 
 if __name__ == "__main__":

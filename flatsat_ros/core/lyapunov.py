@@ -56,6 +56,15 @@ def decay_residual(block: FloatArray, rate: float) -> float:
     return largest_relative_eigenvalue(residual, rate * block)
 
 
+def decay_rate(block: FloatArray, gain: float) -> float:
+    """Return the largest r with V' <= -r V, 1/s, in continuous time and for every applied gain of at least `gain`.
+
+    For the closed form and a gain kappa <= 1 it is alpha (2 kappa - 1).
+    """
+    growth = _A.T @ block + block @ _A - 2.0 * gain * block @ _B @ _B.T @ block
+    return -largest_relative_eigenvalue(growth, block)
+
+
 def hold_transition(block: FloatArray, period: float, gain: float) -> FloatArray:
     """Return the (2, 2) transition matrix over one period with v = -k B'P x held constant."""
     state = np.array([[1.0, period], [0.0, 1.0]])

@@ -21,13 +21,16 @@ from flatsat_ros.core.loop import Timing
 from flatsat_ros.synthesis.solver import SolverError, solve
 
 # W must fall by this share each period, at the ends of the gain interval, before it counts as a proof.
-MARGIN = 1e-10
+MARGIN = 1e-9
 
 # The search for the cap ends when it is known this well, relatively.
 _RESOLUTION = 2e-3
 
 # Slack that the program is asked for, in units in which W and the command are of order 1.
 _SLACK = 1e-7
+
+# Least eigenvalue of W in the same units: without it W may be so flat that its inequalities drown in rounding.
+_LEAST = 1e-3
 
 _GAIN_LIMIT = 1e6  # beyond every cap that a usable period leaves
 
@@ -113,11 +116,7 @@ def gain_cap(timing: Timing, block: FloatArray, lowest: float = 1.0, highest: fl
             f"no function z'W z was found even for the gains [{lowest:g}, {top:.4g}]"
             + (" because the solver failed; this does not mean that there is none" if failures else "")
         )
-
-    def holds(gain: float) -> bool:
-        return timing.contraction(matrix, block, gain) <= 1.0 - MARGIN
-
-    return GainCap(_boundary(holds, lowest, 0.0), proven, matrix, limit, failures)
+    return GainCap(lowest, proven, matrix, limit, failures)
 
 
 def _hold_cap(timing: Timing, block: FloatArray, highest: float) -> GainCap:
@@ -158,7 +157,10 @@ def common_matrix(timing: Timing, block: FloatArray, low: float, high: float) ->
     pace = min(1.0, float(block[1, 1]) * timing.period)  # how much of W a period may take away
     slope, feedback = float(block[1, 1]), timing.feedback(block) @ inverse_units
     scaled = cp.Variable((timing.size, timing.size), symmetric=True)
-    conditions = [cp.bmat([[scaled, feedback.T / math.sqrt(slope)], [feedback / math.sqrt(slope), np.eye(1)]]) >> 0]
+    conditions = [
+        cp.bmat([[scaled, feedback.T / math.sqrt(slope)], [feedback / math.sqrt(slope), np.eye(1)]]) >> 0,
+        scaled >> _LEAST * np.eye(timing.size),
+    ]
     for gain in (low, high):
         step = units @ timing.closed_loop(block, gain) @ inverse_units
         conditions.append((scaled - step.T @ scaled @ step) / pace >> _SLACK * np.eye(timing.size))

@@ -28,6 +28,7 @@ from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.loop import Timing
 from flatsat_ros.core.lyapunov import largest_relative_eigenvalue
 from flatsat_ros.core.robust import Robust, gathered_disturbance
+from flatsat_ros.core.sets import Sets
 from flatsat_ros.synthesis.loop import gain_cap
 from flatsat_ros.synthesis.solver import solve, solver_name
 
@@ -85,18 +86,17 @@ def synthesize_robust(
         )
     check = _cross_check(box, drift, push, rate, largest)
     blocks = closed_form_blocks(rate, drift, push)
-    ball = limits.inner_radius**2
-    level = ball / max(float(block[1, 1]) for block in blocks)
     timing = Timing(period)
-    gain_max, floor, share = _sampled(timing, blocks, drift, push, level)
+    sets = robust_sets(limits, timing, blocks, drift, push)
+    gain_max, floor, share = _sampled(timing, blocks, drift, push, sets.floor)
     certificate = Certificate(
         name=name,
         limits=limits,
         rate=rate,
         block=blocks[0],
         block_vertical=blocks[1],
-        ball=ball,
-        level=level,
+        ball=limits.inner_radius**2,
+        level=sets.level,
         period=period,
         gain_min=1.0,
         gain_max=gain_max,
@@ -257,22 +257,31 @@ def _program(rate: float, drift: FloatArray, push: FloatArray) -> tuple[cp.Varia
     return scaled, units, units @ condition @ units / rate
 
 
-def _sampled(
-    timing: Timing, blocks: tuple[FloatArray, FloatArray], drift: FloatArray, push: FloatArray, level: float
-) -> tuple[float, float, float]:
-    """Return gain_max, and floor s and share p of the smallest certified set, for the sampled loop.
+def robust_sets(
+    limits: InputSet, timing: Timing, blocks: tuple[FloatArray, FloatArray], drift: FloatArray, push: FloatArray
+) -> Sets:
+    """Return the sets of the certificate with these blocks at gain 1, without proving its gains.
 
     Raises:
-        FlatsatError: the period is too long.
+        FlatsatError: the sampled loop has none.
     """
-    cap = min(gain_cap(timing, block).gain_max for block in blocks)
-    least, _ = smallest_floor(timing, blocks, drift, push, (1.0,))
-    if not least <= level:
+    slope, slope_vertical = (float(block[1, 1]) for block in blocks)
+    level = limits.inner_radius**2 / max(slope, slope_vertical)
+    floor, _ = smallest_floor(timing, blocks, drift, push, (1.0,))
+    if not floor <= level:
         raise FlatsatError(
-            f"period (h) = {timing.period} s: under this disturbance the sampled loop stays in V <= {least:.4g} only, "
+            f"period (h) = {timing.period} s: under this disturbance the sampled loop stays in V <= {floor:.4g} only, "
             f"must be at most eps = {level:.4g}; choose a shorter period, a smaller rate or a smaller disturbance"
         )
-    allowed = min(level, _FLOOR_GROWTH * least)
+    # a larger gain may lift the floor up to here
+    return Sets(limits, *blocks, slope, slope_vertical, level, 1.0, min(level, _FLOOR_GROWTH * floor))
+
+
+def _sampled(
+    timing: Timing, blocks: tuple[FloatArray, FloatArray], drift: FloatArray, push: FloatArray, allowed: float
+) -> tuple[float, float, float]:
+    """Return the largest gain_max whose floor is as allowed, with floor s and share p."""
+    cap = min(gain_cap(timing, block).gain_max for block in blocks)
     low, high = 1.0, 2.0 * cap - 1.0  # the cap itself is tried first
     while high - low > 1e-3 * low:
         middle = (low + high) / 2.0

@@ -6,10 +6,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from flatsat_ros._resources import config_path
 from flatsat_ros.cli.synthesize import main
 from flatsat_ros.core.certificate import Certificate
+from flatsat_ros.core.vehicle import VehicleProfile
 
 PAPER_LIMITS = ["--thrust-max-g", "1.45"]
 
@@ -35,7 +38,7 @@ def test_the_table_shows_the_papers_figures_and_without_output_nothing_is_writte
     monkeypatch.chdir(tmp_path)
     assert main([*PAPER_LIMITS, "--rate", "1.2"]) == 0
     printed = capsys.readouterr().out
-    for text in ("2.901873", "2.418228", "[[0.864, 0.72], [0.72, 1.2]]", "1.673 m", "16.5388", "not written"):
+    for text in ("2.901873", "2.418228", "[[0.864, 0.72], [0.72, 1.2]]", "1.673 ", "1151 ", "16.5388", "not written"):
         assert text in printed
     assert list(tmp_path.iterdir()) == []
 
@@ -63,7 +66,86 @@ def test_the_papers_certificates_are_written_and_not_overwritten_unasked(
     assert main(["--paper", "all", "--output-dir", str(tmp_path)]) == 2
     assert "paper_experiment.yaml exists" in capsys.readouterr().err
     assert main(["--paper", "all", "--output-dir", str(tmp_path), "--force"]) == 0
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["paper_experiment.yaml", "paper_simulation.yaml"]
+    written = sorted(file.name for file in tmp_path.iterdir())
+    assert written == ["paper_experiment.yaml", "paper_robust.yaml", "paper_simulation.yaml"]
+
+
+def test_the_profile_gives_lag_and_delay_unless_they_are_given(tmp_path: Path) -> None:
+    target = tmp_path / "own.yaml"
+    assert main(["--vehicle", "cf21", "--output", str(target)]) == 0
+    vehicle = VehicleProfile.load(config_path("cf21", "vehicles"))
+    certificate = Certificate.load(target)
+    assert (certificate.lag, certificate.delay) == (vehicle.lag, vehicle.delay)
+    assert certificate.loop is not None
+    assert main(["--vehicle", "cf21", "--lag", "0", "--delay", "0", "--output", str(target), "--force"]) == 0
+    assert Certificate.load(target).timing.immediate
+
+
+def test_lag_and_delay_lower_the_cap_and_the_worst_case_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*PAPER_LIMITS, "--lag", "0.1", "--delay", "0.05"]) == 0
+    printed = capsys.readouterr().out
+    for text in ("0.1 s, 0.1 s, 0.05 s", "[1, 5.1016]", "from 6.81467 on with 1: 3 periods of it, 3 of 1", "8.54203"):
+        assert text in printed
+    assert "WARNING" not in printed
+    assert main([*PAPER_LIMITS, "--lag", "0.3", "--delay", "0.35"]) == 0
+    assert "WARNING                   the cap is below 1.5, close to 1" in capsys.readouterr().out
+
+
+def test_a_cap_and_a_kappa_of_ones_own(tmp_path: Path) -> None:
+    target = tmp_path / "own.yaml"
+    options = ["--lag", "0.08", "--delay", "0.03", "--period", "0.02", "--kappa", "0.7", "--gain-max", "4"]
+    assert main([*PAPER_LIMITS, *options, "--output", str(target)]) == 0
+    certificate = Certificate.load(target)
+    assert (certificate.gain_min, certificate.gain_max) == (0.7, 4.0)
+
+
+def test_the_papers_first_test_is_covered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = tmp_path / "own.yaml"
+    assert main([*PAPER_LIMITS, "--cover", "1.2,1.2,0.8", "--output", str(target)]) == 0
+    certificate = Certificate.load(target)
+    assert certificate.rate == pytest.approx(1.15362, abs=2e-5)
+    found = certificate.sets.classify(np.array([[-1.2, -1.2, -0.8, 0.0, 0.0, 0.0]]))
+    assert found.guaranteed[0]
+    assert found.kappa[0] == 1.0
+    assert main([*PAPER_LIMITS, "--cover", "1.2,1.2,0.8", "--rate", "1.25"]) == 0
+    assert "with kappa = 0.8517; rate at kappa, undelayed: 0.8794 1/s" in capsys.readouterr().out
+
+
+def test_a_disturbance_makes_a_robust_certificate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = tmp_path / "own.yaml"
+    limits = ["--thrust-max-g", "2", "--tilt-max-deg", "40", "--period", "0.01"]
+    assert main([*limits, "--drift", "1.4142135623730951,0", "--output", str(target)]) == 0
+    printed = capsys.readouterr().out
+    for text in ("0.96683047 1/s", "[[2.286392, -2.139584], [-2.139584, 2.068615]]", "3.8804, 3.27 m/s^2"):
+        assert text in printed
+    goals = ["--drift", "0.5", "--push", "0.3", "--cover", "2,2,1"]
+    assert main([*limits, *goals, "--output", str(target), "--force"]) == 0
+    certificate = Certificate.load(target)
+    assert certificate.robust is not None
+    assert list(certificate.robust.drift) == [0.5, 0.5]
+    assert certificate.sets.classify(np.array([[2.0, -2.0, 1.0, 0.0, 0.0, 0.0]])).guaranteed[0]
+
+
+@pytest.mark.parametrize("ending", ["png", "svg"])
+@pytest.mark.parametrize("options", [["--lag", "0.1"], ["--drift", "0.3", "--period", "0.01"]])
+def test_a_page_of_pictures_is_drawn(tmp_path: Path, ending: str, options: list[str]) -> None:
+    target = tmp_path / f"page.{ending}"
+    assert main([*PAPER_LIMITS, *options, "--plot", str(target)]) == 0
+    assert target.stat().st_size > 20_000
+
+
+def test_a_certificate_is_verified_and_a_wrong_one_refused(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shipped = root / "config" / "paper_experiment.yaml"
+    assert main(["--verify", str(shipped)]) == 0
+    printed = capsys.readouterr().out
+    assert f"certificate paper_experiment in {shipped} holds" in printed
+    assert "V does not grow during a period at gain_max" in printed
+    bold = tmp_path / "bold.yaml"
+    bold.write_text(shipped.read_text(encoding="utf-8").replace("level: 2.32", "level: 2.44"), encoding="utf-8")
+    assert main(["--verify", str(bold)]) == 2
+    assert "'V <= eps implies |B'P xi|^2 <= rho' fails by 0.05" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -79,6 +161,24 @@ def test_the_papers_certificates_are_written_and_not_overwritten_unasked(
         ([*PAPER_LIMITS, "--tilt-max-deg", "0"], "(0, 90) deg"),
         ([*PAPER_LIMITS, "--rate", "-1"], "rate (alpha) = -1.0"),
         ([*PAPER_LIMITS, "--rate", "25"], "no gain keeps V from growing"),
+        ([*PAPER_LIMITS, "--rate", "19.5"], "gain cap would be 0."),
+        ([*PAPER_LIMITS, "--rate", "9", "--lag", "0.15", "--delay", "0.1"], "unstable at gain 1 already"),
+        ([*PAPER_LIMITS, "--lag", "-0.1"], "lag (tau) = -0.1 s"),
+        ([*PAPER_LIMITS, "--delay", "9"], "delay (d) is 9.0 s: valid is at most 40 periods"),
+        ([*PAPER_LIMITS, "--lag", "0.1", "--kappa", "1.5"], "--kappa 1.5: must lie in (0, 1]"),
+        ([*PAPER_LIMITS, "--gain-max", "0.5"], "--gain-max 0.5: must be at least 1"),
+        ([*PAPER_LIMITS, "--cover", "1,2"], "cover = [1.0, 2.0]: must be 3 or 6 magnitudes"),
+        ([*PAPER_LIMITS, "--cover", "1,-2,1"], "must be 3 or 6 magnitudes of at least 0"),
+        ([*PAPER_LIMITS, "--cover", "1,far,1"], "invalid"),
+        ([*PAPER_LIMITS, "--cover", "90000,1,1"], "no rate from 0.01 to 100 1/s covers these start errors"),
+        ([*PAPER_LIMITS, "--cover", "2.4,2.4,1.6", "--rate", "1.25"], "errors need kappa = 0.4259, certified"),
+        ([*PAPER_LIMITS, "--drift", "1,1,1"], "--drift 1.0,1.0,1.0: must be one number, or two as H,V"),
+        ([*PAPER_LIMITS, "--push", "0.9"], "push = 0.9 m/s^2 on x and y: must be at most 0.576589 m/s^2"),
+        ([*PAPER_LIMITS, "--push", "0.1", "--lag", "0.1"], "certified for the plain hold; drop --lag"),
+        ([*PAPER_LIMITS, "--plot", "missing/x.png"], "the folder missing does not exist"),
+        ([*PAPER_LIMITS, "--plot", "taken.yaml"], "taken.yaml exists: give --force"),
+        (["--verify", "taken.yaml"], "must be a mapping"),
+        (["--verify", "missing.yaml"], "cannot be read"),
         ([*PAPER_LIMITS, "--period", "0"], "period (h) = 0.0"),
         (["--vehicle", "cf21", "--thrust-max-g", "1.6"], "more than cf21 lifts: must be at most 15.1538"),
         (["--vehicle", "zeppelin"], "no packaged configuration 'zeppelin'"),
