@@ -1,0 +1,153 @@
+"""`make bench`: the law against solvers and the controller process against bare echo nodes, in ratios.
+
+Exit code 0 when all answers agree and every process did its work; targets are reported, not enforced.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import sys
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+# nobody else's nodes take part; rclpy reads this when it starts
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 101)
+
+import law
+import numpy as np
+import processes
+from report import Quartiles, Target, quartiles, table
+
+from flatsat_ros._resources import config_path
+from flatsat_ros.core.certificate import Certificate
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.synthesis.nominal import synthesize
+
+_CERTIFICATE = "paper_experiment"
+_FAST_PERIOD = 0.01  # s
+_STEP_TARGETS = {1: 1 / 10, 100: 1 / 1000, 1000: 1 / 2500}
+_PROCESS_TARGET = 1.25
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run everything, print tables and write bench.json."""
+    parser = argparse.ArgumentParser(prog="bench", description=__doc__)
+    parser.add_argument("--output", type=Path, default=Path("out/bench"), help="folder (default: %(default)s)")
+    folder: Path = parser.parse_args(argv).output
+    folder.mkdir(parents=True, exist_ok=True)
+    os.environ["ROS_LOG_DIR"] = str((folder / "log").resolve())
+    try:
+        targets: list[Target] = []
+        results = {
+            "machine": _machine(),
+            "law": _compare_law(Certificate.load(config_path(_CERTIFICATE)), targets),
+            "processes": _compare_processes(folder, targets),
+        }
+    except FlatsatError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    print("\nTargets")
+    print(
+        table(
+            ["", "at most", "measured", ""],
+            [[t.what, f"{t.at_most:.4g}", str(t.measured), "met" if t.met else "NOT MET"] for t in targets],
+        )
+    )
+    results["targets"] = [{**t._asdict(), "measured": t.measured._asdict(), "met": t.met} for t in targets]
+    (folder / "bench.json").write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+    print(f"\n{folder / 'bench.json'}")
+    return 0
+
+
+def _compare_law(certificate: Certificate, targets: list[Target]) -> dict[str, Any]:
+    contest = law.Contest(certificate)
+    agreement = contest.check()
+    print("Agreement: largest relative difference from the step for all drones, of 1000 drones")
+    print(table(["", "difference"], [[name, f"{value:.1e}"] for name, value in agreement.items()]))
+    print(f"the saturation acts on {contest.saturated():.0%} of them\n")
+
+    sizes: dict[str, Any] = {}
+    for size in law.SIZES:
+        times = contest.time(size)
+        seconds = {name: quartiles(values) for name, values in times.items()}
+        ratios = {name: _ratio(values, times[law.BASELINE]) for name, values in times.items()}
+        print(f"N = {size}: processor time per drone, also as a fraction of {law.BASELINE}'s, median [quartiles]")
+        rows = [[name, str(_scaled(seconds[name], 1e6)), str(ratios[name])] for name in times]
+        print(table(["", "us", "fraction"], rows) + "\n")
+        sizes[str(size)] = {
+            name: {"seconds": seconds[name]._asdict(), "fraction": ratios[name]._asdict()} for name in times
+        }
+        if size in _STEP_TARGETS:
+            what = f"{law.STEP} per drone, N = {size}, over {law.BASELINE}"
+            targets.append(Target(what, _STEP_TARGETS[size], ratios[law.STEP]))
+    return {"agreement": agreement, "per_drone": sizes}
+
+
+def _compare_processes(folder: Path, targets: list[Target]) -> dict[str, Any]:
+    slow = config_path(_CERTIFICATE)
+    nominal = Certificate.load(slow)
+    fast = folder / "certificate_fast.yaml"
+    synthesize(nominal.limits, nominal.rate, _FAST_PERIOD, "bench_fast").save(fast)
+    results = {}
+    for path, period in ((slow, nominal.period), (fast, _FAST_PERIOD)):
+        rate, count = f"{1.0 / period:g} Hz", len(processes.ROBOTS)
+        measured = processes.measure(path, folder)
+        echoes = (processes.RAW_ECHO, processes.TYPED_ECHO)
+        cpu = {name: quartiles(values) for name, values in measured.cpu.items()}
+        ratios = {n: {e: _ratio(values, measured.cpu[e]) for e in echoes} for n, values in measured.cpu.items()}
+        print(f"{count} drones, poses at {processes.POSE_RATE:g} Hz, tick at {rate}: processor time")
+        rows = [
+            [
+                name,
+                str(_scaled(cpu[name], 1e6 * period / count)),
+                *(str(ratios[name][echo]) for echo in echoes),
+                f"{np.mean(measured.work.get(name, [1.0])):.0%}",
+                *(f"{size / 2**20:.0f}" for size in measured.memory[name]),
+            ]
+            for name in measured.cpu
+        ]
+        header = ["", "us per drone and tick", *(f"over {echo}" for echo in echoes), "work done", "RSS MiB", "PSS MiB"]
+        print(table(header, rows) + "\n")
+        results[rate] = {
+            name: {
+                "cpu": cpu[name]._asdict(),
+                **{f"over_{echo}": ratios[name][echo]._asdict() for echo in echoes},
+                **({"work_done": quartiles(measured.work[name])._asdict()} if name in measured.work else {}),
+                "memory_bytes": dict(zip(("rss", "pss"), measured.memory[name], strict=True)),
+            }
+            for name in measured.cpu
+        }
+        if path is slow:
+            for echo in echoes:
+                what = f"controller over {echo}, {count} drones, {rate}"
+                targets.append(Target(what, _PROCESS_TARGET, ratios[processes.CONTROLLER][echo]))
+    return results
+
+
+def _ratio(values: Sequence[float], others: Sequence[float]) -> Quartiles:
+    """Return the spread of the ratios round by round: what slows down both leaves them as they are."""
+    return quartiles([value / other for value, other in zip(values, others, strict=True)])
+
+
+def _scaled(spread: Quartiles, factor: float) -> Quartiles:
+    return Quartiles(*(factor * value for value in spread))
+
+
+def _machine() -> Mapping[str, Any]:
+    packages = ("numpy", "cvxpy", "clarabel", "osqp")
+    return {
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        "cores": os.cpu_count(),
+        **{package: version(package) for package in packages},
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main())
