@@ -105,8 +105,7 @@ class Pilot:
         Raises:
             FlatsatError: the reference leaves no margin inside the input set, or the drone is disarmed.
         """
-        if not self._armed[index]:
-            raise FlatsatError("the drone is disarmed: arm it first")
+        self._require_armed(index)
         margin = trajectory.require_margin(self.certificate.limits)
         self._references.assign(index, trajectory)
         self._margin[index] = margin
@@ -126,12 +125,17 @@ class Pilot:
         if not armed:
             self._requested[index] = False
 
+    def _require_armed(self, index: int) -> None:
+        if not self._armed[index]:
+            raise FlatsatError("the drone is disarmed: arm it first")
+
     def take_off(self, index: int, height: float) -> None:
         """Send drone index straight up by height, m, from where it stands.
 
         Raises:
             FlatsatError: it does not stand, its pose is not known, it is disarmed, or the height is not above 0.
         """
+        self._require_armed(index)
         mode, place = Mode(self.mode[index]), self._state[index]
         if mode not in (Mode.IDLE, Mode.CUT) or (mode is Mode.IDLE and place[2] >= self.policy.ground_height):
             raise FlatsatError(f"the drone is in {mode.name} at z = {place[2]:.2f} m: only one on the ground takes off")

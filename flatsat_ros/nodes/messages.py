@@ -157,7 +157,7 @@ def message_from_trajectory(trajectory: Trajectory, start: int) -> MultiDOFJoint
 
 
 def battery_message(nanoseconds: int, voltage: float) -> BatteryState:
-    """Return the state of a battery of which only the voltage, V, is known; NaN stands for the rest, as the type asks."""
+    """Return the state of a battery of which only the voltage, V, is known; NaN stands for the rest, as it should."""
     unknown = float("nan")
     message = BatteryState(voltage=voltage, temperature=unknown, current=unknown, charge=unknown, capacity=unknown)
     message.design_capacity = message.percentage = unknown
