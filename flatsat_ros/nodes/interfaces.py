@@ -50,8 +50,6 @@ TELEMETRY = Topic("flatsat/telemetry", Float64MultiArray, _reliable(10), _reliab
 ALL = "all"
 TRIGGERS = ("takeoff", "land", "hand_over")
 ARM = "arm"
-# of crazyswarm2's server and whatever takes its place, directly below the robot's name
-EMERGENCY = "emergency"
 
 
 def service_of(robot: str, name: str) -> str:
