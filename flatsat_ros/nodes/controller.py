@@ -33,7 +33,7 @@ from flatsat_ros.core.supervisor import Mode, Policy
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.core.wire import PITCH_SIGN, setpoint_from_input
 from flatsat_ros.nodes import interfaces, messages, runtime
-from flatsat_ros.nodes.parameters import declare, declare_override, require_float_or_unset, robot_names
+from flatsat_ros.nodes.parameters import declare, declare_override, declare_robots, require_float_or_unset
 
 _DIAGNOSTICS_PERIOD = 1.0  # s
 
@@ -67,8 +67,7 @@ class ControllerNode(Node):  # type: ignore[misc]
     def __init__(self) -> None:
         """Read the parameters, load the certificate and the vehicle, start the tick."""
         super().__init__(interfaces.CONTROLLER_NODE)
-        names = declare(self, "robot_names", ["cf1"], "names of the drones, the prefix of their topics")
-        self.robots = robot_names(names)
+        self.robots = [robot.name for robot in declare_robots(self)]
         kind = "packaged name or path of a YAML file"
         certificate = declare(self, "certificate", "paper_experiment", f"certificate: {kind}")
         self._certificate = Certificate.load(config_path(certificate))

@@ -9,6 +9,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException, ParameterException
 from rclpy.node import Node
 
+from flatsat_ros.core.crazyflies import Robot, read_crazyflies
 from flatsat_ros.core.errors import FlatsatError
 
 
@@ -78,6 +79,21 @@ def require_float_or_unset(name: str, value: object) -> float | None:
     if value is None or (isinstance(value, float)):
         return value
     raise FlatsatError(f"parameter {name} = {value!r}: must be a floating-point number, written with a decimal point")
+
+
+def declare_robots(node: Node) -> list[Robot]:
+    """Declare whose node this is: by names, which stand 1 m apart along x, or by the user's crazyflies.yaml.
+
+    Raises:
+        FlatsatError: a name is no ROS name or given twice, or the file is not valid.
+    """
+    names = declare(node, "robot_names", ["cf1"], "names of the drones, the prefix of their topics")
+    path = declare(node, "crazyflies_yaml", "", "crazyswarm2's crazyflies.yaml: its enabled robots replace robot_names")
+    robots = (
+        read_crazyflies(path) if path else [Robot(name, "", (float(i), 0.0, 0.0), "") for i, name in enumerate(names)]
+    )
+    robot_names([robot.name for robot in robots])
+    return robots
 
 
 def robot_names(names: Sequence[str]) -> list[str]:

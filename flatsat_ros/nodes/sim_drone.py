@@ -17,10 +17,11 @@ from rclpy.node import Node
 from std_srvs.srv import Empty, SetBool, Trigger
 
 from flatsat_ros._resources import config_path
+from flatsat_ros.core.crazyflies import Robot
 from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.nodes import interfaces, messages, runtime
-from flatsat_ros.nodes.parameters import declare, robot_names
+from flatsat_ros.nodes.parameters import declare, declare_robots
 from flatsat_ros.sim.dynamics import Wind
 from flatsat_ros.sim.firmware import State
 from flatsat_ros.sim.fleet import SimulatedFleet
@@ -40,9 +41,9 @@ class SimDrone(Node):  # type: ignore[misc]
     def __init__(self) -> None:
         """Read the parameters, switch the drones on, start the clock of the room."""
         super().__init__("sim_drone")
-        names = declare(self, "robot_names", ["cf1"], "names of the drones, the prefix of their topics")
-        self.robots = robot_names(names)
-        self._fleet = self._build_fleet(len(self.robots))
+        robots = declare_robots(self)
+        self.robots = [robot.name for robot in robots]
+        self._fleet = self._build_fleet(robots)
         self._refused = [0] * len(self.robots)
         self._pose = PoseStamped()
         self._pose.header.frame_id = "world"
@@ -61,15 +62,15 @@ class SimDrone(Node):  # type: ignore[misc]
         self.create_timer(_DIAGNOSTICS_PERIOD, self._on_diagnostics)
         self.get_logger().info(f"simulating {', '.join(self.robots)}")
 
-    def _build_fleet(self, count: int) -> SimulatedFleet:
+    def _build_fleet(self, robots: Sequence[Robot]) -> SimulatedFleet:
         """Read everything that makes the room and its drones.
 
         Raises:
             FlatsatError: a value is not valid.
         """
         vehicle = declare(self, "vehicle", "cf21", "vehicle profile: packaged name or path of a YAML file")
-        line = np.linspace((0.0, 0.0, 0.0), (count - 1.0, 0.0, 0.0), count).ravel()
-        start = declare(self, "start_positions", line.tolist(), "initial x, y, z of every drone in turn", unit="m")
+        count, places = len(robots), [entry for robot in robots for entry in robot.position]
+        start = declare(self, "start_positions", places, "initial x, y, z of every drone in turn", unit="m")
         if len(start) != 3 * count:
             raise FlatsatError(
                 f"parameter start_positions has {len(start)} entries: must have {3 * count}, x, y, z of {count} drones"

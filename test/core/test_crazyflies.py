@@ -1,0 +1,64 @@
+"""The user's crazyflies.yaml: names, addresses, positions and types of the enabled robots, and clear refusals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from flatsat_ros.core.crazyflies import Robot, read_crazyflies
+from flatsat_ros.core.errors import FlatsatError
+
+EXAMPLE = """
+fileversion: 3
+robots:
+  cf231:
+    enabled: true
+    uri: radio://0/80/2M/E7E7E7E7E7
+    initial_position: [0.0, -0.5, 0]
+    type: cf21
+    firmware_params: {stabilizer: {controller: 1}}
+  cf5: {enabled: false, uri: radio://0/80/2M/E7E7E7E705, initial_position: [0, 0, 0], type: cf21}
+  cf7: {}
+robot_types:
+  cf21: {motion_capture: {tracking: librigidbodytracker}}
+all: {firmware_logging: {enabled: true}}
+"""
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "crazyflies.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_the_enabled_robots_come_in_the_order_of_the_file(tmp_path: Path) -> None:
+    assert read_crazyflies(write(tmp_path, EXAMPLE)) == [
+        Robot("cf231", "radio://0/80/2M/E7E7E7E7E7", (0.0, -0.5, 0.0), "cf21"),
+        Robot("cf7", "", (0.0, 0.0, 0.0), ""),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("robots: [cf1]", "must have a mapping `robots`"),
+        ("- cf1", "must have a mapping `robots`"),
+        ("robots: {cf1: true}", r"robots\.cf1 = True: must be a mapping"),
+        ("robots: {cf1: {enabled: 1}}", r"robots\.cf1\.enabled = 1: must be true or false"),
+        ("robots: {cf1: {enabled: false}}", "none of the robots cf1 is enabled"),
+        ("robots: {cf1: {initial_position: [0, 0]}}", r"robots\.cf1: initial_position has shape \(2,\)"),
+        ("robots: {cf1: {initial_position: [0, .nan, 0]}}", r"robots\.cf1: initial_position contains nan"),
+        ("robots: {cf1: {initial_position: [[0, 0, 0]]}}", r"initial_position has shape \(1, 3\): must be \[x, y, z\]"),
+        ("robots: {cf1: {initial_position: here}}", r"robots\.cf1: could not convert"),
+        ("robots: {cf1: {", "cannot be read"),
+    ],
+)
+def test_what_is_not_such_a_file_is_refused(text: str, complaint: str, tmp_path: Path) -> None:
+    with pytest.raises(FlatsatError, match=complaint):
+        read_crazyflies(write(tmp_path, text))
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FlatsatError, match="cannot be read"):
+        read_crazyflies(tmp_path / "none.yaml")
