@@ -130,9 +130,21 @@ class Lab:
         self.node = Node("observer", context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
+        self._begin = time.monotonic()
+        self._story: dict[str, list[str]] = {}
+        self.node.create_subscription(interfaces.DIAGNOSTICS_KIND, interfaces.DIAGNOSTICS, self._follow, KEEP)
+
+    def _follow(self, diagnostics: Any) -> None:
+        """Note what changed in the condition of every drone, for whoever reads about a failure."""
+        for status in diagnostics.status:
+            story = self._story.setdefault(status.name, [])
+            if not story or not story[-1].endswith(status.message):
+                story.append(f"{time.monotonic() - self._begin:.1f} s {status.message}")
 
     def close(self) -> None:
         """End every process and print what it wrote: pytest shows it if the test failed."""
+        for name, story in self._story.items():
+            print(f"--- {name}: {', '.join(story)}")
         for process in self._processes:
             process.end()
             print(f"--- {process.name}, exit code {process.returncode}\n{process.output}")
@@ -203,8 +215,16 @@ class Lab:
         self.wait(self._publishers[name].get_subscription_count, f"a listener to {name}")
         return self._publishers[name]
 
-    def go_to(self, robot: str, position: Sequence[float]) -> None:
-        """Give a robot a set-point, m."""
+    def go_to(self, robot: str, position: Sequence[float], *, linked: bool = True) -> None:
+        """Give a robot a set-point, m; if linked, once it listens: the first commands open its thrust lock."""
+        name = interfaces.COMMAND.of(robot)
+
+        def is_heard() -> bool:
+            listeners = {info.node_name for info in self.node.get_subscriptions_info_by_topic(name)}
+            return bool(listeners - {self.node.get_name()})
+
+        if linked:
+            self.wait(is_heard, f"{robot} to listen to its commands")
         message = PoseStamped()
         messages.fill_pose(message, 0, position, (0.0, 0.0, 0.0, 1.0))
         self.publish(interfaces.GOAL, robot, message)

@@ -143,7 +143,7 @@ def test_the_controller_survives_every_fault(lab: Lab, tmp_path: Path, column: C
     commands, telemetry = lab.watch(interfaces.COMMAND, "cf1"), lab.watch(interfaces.TELEMETRY, "cf1")
     status = lab.watch_diagnostics("flatsat_controller: cf1")
     controller = lab.fly("cf1", level_time=LEVEL_TIME)
-    lab.go_to("cf1", (0.5, 0.0, 1.0))
+    lab.go_to("cf1", (0.5, 0.0, 1.0), linked=False)
     player = lab.start("mocap_player", file=write_csv(tmp_path / "recording.csv", faulty_recording()))
     player.expected = True
     lab.wait(lambda: player.returncode is not None, "the end of the recording")
