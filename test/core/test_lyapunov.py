@@ -13,6 +13,7 @@ from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.lyapunov import (
     bernstein_coefficients,
     closed_form_block,
+    decay_rate,
     decay_residual,
     hold_contraction,
     hold_gain_interval,
@@ -184,3 +185,8 @@ def test_a_period_too_long_for_any_gain_is_refused_with_a_valid_one() -> None:
         hold_gain_interval(1.25, 1.6)
     with pytest.raises(FlatsatError, match=r"gain cap would be 0\.7.*choose a shorter period"):
         hold_gain_interval(1.25, 1.52)
+
+
+@given(rate=st.floats(0.1, 10.0), kappa=st.floats(0.3, 1.0))
+def test_at_a_gain_below_one_the_rate_is_alpha_times_two_kappa_less_one(rate: float, kappa: float) -> None:
+    assert decay_rate(closed_form_block(rate), kappa) == pytest.approx(rate * (2.0 * kappa - 1.0), rel=1e-9, abs=1e-9)

@@ -1,0 +1,194 @@
+"""Certificates as synthesis makes them: proved again in rational arithmetic, and refused once they are wrong."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import math
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from flatsat_ros.core.certificate import Certificate
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.input_set import InputSet
+from flatsat_ros.core.loop import Timing
+from flatsat_ros.synthesis.loop import worst_case
+from flatsat_ros.synthesis.nominal import synthesize
+from flatsat_ros.synthesis.robust import synthesize_paper_robust, synthesize_robust
+
+_SPEC = importlib.util.spec_from_file_location("exact", Path(__file__).parent / "exact.py")
+assert _SPEC is not None
+assert _SPEC.loader is not None
+exact = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(exact)
+
+ROOT = Path(__file__).parents[2]
+LIMITS = InputSet(1.45 * 9.81, math.radians(10.0))
+SHIPPED = sorted(path.stem for path in (ROOT / "config").glob("*.yaml"))
+LAGGING = synthesize(LIMITS, 1.25, 0.1, "lagging", lag=0.1, delay=0.05)
+FAST = synthesize(LIMITS, 1.25, 0.02, "fast", lag=0.14, delay=0.03, lowest=0.8)
+ROBUST = synthesize_paper_robust()
+PUSHED = synthesize_robust(LIMITS, (0.1, 0.2), (0.2, 0.3), 0.02, "pushed")
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_what_is_shipped_holds_in_rational_arithmetic(name: str) -> None:
+    results = exact.proved(Certificate.load(ROOT / "config" / f"{name}.yaml"))
+    assert len(results) >= 14
+    assert [claim for claim, holds in results.items() if not holds] == []
+
+
+def test_three_certificates_of_the_paper_are_shipped() -> None:
+    assert {"paper_experiment", "paper_simulation", "paper_robust"} <= set(SHIPPED)
+
+
+@pytest.mark.parametrize("certificate", [LAGGING, FAST, PUSHED], ids=lambda certificate: certificate.name)
+def test_what_synthesis_makes_holds_in_rational_arithmetic(certificate: Certificate) -> None:
+    assert [claim for claim, holds in exact.proved(certificate).items() if not holds] == []
+
+
+WRONG = [
+    (ROBUST, {"level": ROBUST.level * 1.05}),
+    (ROBUST, {"gain_max": ROBUST.gain_max * 1.01}),
+    (ROBUST, {"gain_min": 0.95}),
+    (ROBUST, {"rate": ROBUST.rate * 1.001}),
+    (ROBUST, {"block": ROBUST.block * 1.001}),
+    (ROBUST, {"block_vertical": ROBUST.block_vertical * 20.0}),
+    (ROBUST, {"robust": dataclasses.replace(ROBUST.robust, drift=[1.42, 0.0])}),
+    (ROBUST, {"robust": dataclasses.replace(ROBUST.robust, drift=[math.sqrt(2.0), 2.0])}),
+    (ROBUST, {"robust": dataclasses.replace(ROBUST.robust, push=[0.1, 0.0])}),
+    (ROBUST, {"robust": dataclasses.replace(ROBUST.robust, rate=0.967)}),
+    (ROBUST, {"robust": dataclasses.replace(ROBUST.robust, box=[3.9, 3.27])}),
+    (ROBUST, {"robust": dataclasses.replace(ROBUST.robust, box=[3.87, 3.27])}),
+    (ROBUST, {"robust": dataclasses.replace(ROBUST.robust, floor=1.0)}),
+    (ROBUST, {"robust": dataclasses.replace(ROBUST.robust, floor=2.7)}),
+    (ROBUST, {"robust": dataclasses.replace(ROBUST.robust, share=0.5)}),
+    (LAGGING, {"level": LAGGING.level * 1.05}),
+    (LAGGING, {"gain_max": 1.3 * worst_case(LAGGING.timing, LAGGING.block, LAGGING.gain_max).constant}),
+    (LAGGING, {"gain_max": LAGGING.gain_max * 1.01}),
+    (LAGGING, {"gain_min": 0.99}),
+    (LAGGING, {"loop": 0.95 * LAGGING.loop}),
+    (LAGGING, {"lag": 0.11}),
+    (LAGGING, {"delay": 0.06}),
+    (LAGGING, {"period": 0.09, "delay": 0.05}),
+    (FAST, {"loop_vertical": np.eye(5)}),
+]
+
+
+@pytest.mark.parametrize(("certificate", "changes"), WRONG)
+def test_a_wrong_certificate_is_refused_by_both_checks(certificate: Certificate, changes: dict[str, Any]) -> None:
+    wrong = dataclasses.replace(certificate, **changes)
+    with pytest.raises(FlatsatError, match="fails by"):
+        wrong.verify()
+    assert not all(exact.proved(wrong).values())
+
+
+def test_five_percent_more_eps_and_gains_beyond_the_linear_limit_are_refused_without_lag() -> None:
+    certificate = synthesize(LIMITS, 1.25, 0.1, "plain")
+    limit = worst_case(certificate.timing, certificate.block, certificate.gain_max).constant
+    for changes in ({"level": certificate.level * 1.05}, {"gain_max": 1.3 * limit}):
+        with pytest.raises(FlatsatError, match="fails by"):
+            dataclasses.replace(certificate, **changes).verify()
+
+
+@pytest.mark.parametrize("certificate", [LAGGING, FAST, ROBUST, PUSHED], ids=lambda certificate: certificate.name)
+def test_what_is_saved_comes_back_to_the_last_bit(certificate: Certificate, tmp_path: Path) -> None:
+    path = tmp_path / "trip.yaml"
+    certificate.save(path)
+    assert Certificate.load(path).to_document() == certificate.to_document()
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda d: d.update(loop=None), "loop is missing: lag = 0.1 s and delay = 0.05 s need one"),
+        (lambda d: d["sampling"].update(lag=0.0, delay=0.0), "loop is given, but neither lag nor delay"),
+        (lambda d: d["sampling"].update(delay=0.25), "loop has shape (4, 4): must be (6, 6)"),
+        (lambda d: d["sampling"].update(lag=-0.1), "lag (tau) = -0.1 s"),
+        (lambda d: d["loop"].update(diagonal=1), "loop: unknown key 'diagonal'"),
+        (lambda d: d["loop"].pop("vertical"), "loop: key 'vertical' is missing"),
+        (lambda d: d["loop"]["horizontal"].pop(), "loop has shape (3, 4)"),
+        (lambda d: d["loop"].update(vertical=[[1.0]]), "loop_vertical has shape (1, 1)"),
+        (lambda d: d["lyapunov"].update(block_vertical=[[1.0]]), "block_vertical has shape (1, 1)"),
+        (lambda d: d["lyapunov"].update(block_vertical=[[1.0, 0.0], [0.0, 1.0]]), "differs from that of its blocks"),
+        (lambda d: d.update(robust={"rate": 1.0}), "robust: key 'drift' is missing"),
+        (lambda d: d.pop("robust"), "key 'robust' is missing"),
+    ],
+)
+def test_a_document_that_contradicts_itself_is_refused(
+    change: Callable[[dict[str, Any]], object], text: str, tmp_path: Path
+) -> None:
+    document = yaml.safe_load(yaml.safe_dump(LAGGING.to_document()))
+    change(document)
+    with pytest.raises(FlatsatError) as refused:
+        Certificate.from_document(document)
+    assert text in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        ({"floor": 0.0}, "robust.floor = 0.0"),
+        ({"share": 1.0}, "robust.share = 1.0: must lie in (0, 1)"),
+        ({"rate": math.nan}, "robust.rate = nan"),
+        ({"drift": [1.0]}, "robust.drift"),
+        ({"push": [-1.0, 0.0]}, "robust.push = [-1.0, 0.0]: must be two numbers of at least 0"),
+        ({"box": [math.inf, 1.0]}, "robust.box"),
+    ],
+)
+def test_impossible_robust_values_are_refused(values: dict[str, Any], text: str) -> None:
+    with pytest.raises(FlatsatError) as refused:
+        dataclasses.replace(ROBUST.robust, **values)
+    assert text in str(refused.value)
+
+
+def test_the_sets_of_a_lagging_loop_start_about_as_far_out_as_those_of_the_ideal_one() -> None:
+    ideal = synthesize(LIMITS, 1.25, 0.1, "ideal")
+    assert 0.9 < LAGGING.sets.rest_radius / ideal.sets.rest_radius < 1.0
+    assert LAGGING.sets.volume_ellipsoid > ideal.sets.volume_ellipsoid
+    assert LAGGING.sets.volume_larger / LAGGING.sets.volume_ellipsoid == pytest.approx(5.878997, abs=1e-6)
+
+
+@pytest.mark.parametrize("certificate", [LAGGING, FAST], ids=lambda certificate: certificate.name)
+def test_the_saturated_loop_with_lag_and_delay_never_leaves_its_sets(certificate: Certificate) -> None:
+    random, count, timing, sets = np.random.default_rng(3), 500, certificate.timing, certificate.sets
+    spread = np.linalg.cholesky(np.linalg.inv(sets.horizontal))
+    state = (spread @ random.standard_normal((timing.size, count * 3))).reshape(timing.size, count, 3)
+    state = np.moveaxis(state, 0, 1).reshape(count, -1)
+    state *= (0.999 / certificate.gain_min / sets.scale_larger(state))[:, np.newaxis]
+    F, G = timing.transition()
+    for _ in range(200):
+        assert sets.classify(state).guaranteed.all()
+        before = sets.levels(state)
+        v0 = -state[:, :6] @ certificate.matrix[:, 3:]
+        gamma = np.minimum(certificate.gain_max, random.uniform(1.0, 2.0 * certificate.gain_max, count))
+        k = np.minimum(gamma, 1.0 / certificate.limits.gauge(v0))
+        assert (k >= certificate.gain_min).all()
+        v = k[:, np.newaxis] * v0
+        z = state.reshape(count, timing.size, 3)
+        following = np.einsum("ij,njk->nik", F, z) + G * v[:, np.newaxis]
+        np.testing.assert_allclose(following[:, 2:], timing.follow(z[:, 2:], v), rtol=1e-12, atol=1e-12)
+        state = following.reshape(count, -1)
+        for now, then in zip(sets.levels(state), before, strict=True):
+            assert (now <= then * (1.0 + 1e-12)).all()
+
+
+def test_the_exact_check_is_exact() -> None:
+    third = Fraction(1, 3)
+    assert abs(float(exact.sine(third)) - math.sin(1 / 3)) < 1e-15
+    assert abs(float(exact.cosine(Fraction(3, 2))) - math.cos(1.5)) < 1e-15
+    assert abs(float(exact.exponential(Fraction(7, 2))) - math.exp(-3.5)) < 1e-15
+    for timing in (Timing(0.1, 0.1, 0.05), Timing(0.1, 0.0, 0.23), Timing(0.02, 0.14, 0.04), Timing(0.1)):
+        for own, other in zip(exact.transition(timing), timing.transition(), strict=True):
+            np.testing.assert_allclose(np.array(own, dtype=float), other, rtol=1e-12, atol=1e-15)
+    matrix = [[Fraction(2), third], [third, Fraction(1, 18)]]
+    assert not exact.positive(matrix)  # singular
+    matrix[1][1] += Fraction(1, 10**30)
+    assert exact.positive(matrix)
+    assert exact.product(matrix, exact.inverse(matrix)) == exact.identity(2)
