@@ -127,9 +127,12 @@ class Estimator:
         return np.array([f.mean[6:9] for f in self._filters])
 
     def usable(self, now: float, timeout: float) -> np.ndarray:
-        """Tell whose estimate can be flown on, (N,): fresh within timeout (s) and with a settled velocity."""
+        """Tell whose estimate can be flown on, (N,): fresh within timeout (s) and with a settled velocity.
+
+        A timeout beyond 0.5 s counts as 0.5 s: the estimate predicts no further.
+        """
         settled = np.array([f.c11 <= _SETTLED_VELOCITY**2 for f in self._filters])
-        return np.asarray((now - self.newest <= timeout) & settled)
+        return np.asarray((now - self.newest <= min(timeout, _SILENCE_TO_RESTART)) & settled)
 
     def _filter(self, index: int, newest: float, stamp: float, position: Sequence[float]) -> bool:
         """Predict drone index to stamp and correct by position; return whether it was taken."""

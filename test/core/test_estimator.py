@@ -67,6 +67,8 @@ def test_a_stale_estimate_is_not_usable() -> None:
     watch(estimator, turning, 0.0, 1.0)
     assert estimator.usable(1.2, 0.3).all()
     assert not estimator.usable(1.3, 0.3).any()
+    assert estimator.usable(1.45, 10.0).all()
+    assert not estimator.usable(1.6, 10.0).any(), "the prediction ends after half a second"
 
 
 def test_a_constant_disturbance_is_learned() -> None:
