@@ -70,7 +70,7 @@ def adapt(gain: FloatArray, lyapunov: FloatArray, tuning: Tuning, period: float)
     """Return the gain one period later.
 
     gamma+ = clip(gamma + h [mu sigma(V) - nu (gamma - 1)], 1, gain_max) with sigma(V) = max(V - V_inf, 0): forward
-    Euler of the paper's eq. 19b, with the certificate's cap and a leak. Everything proved about the sets needs only a
+    Euler of the paper's eq. 23b, with the certificate's cap and a leak. Everything proved about the sets needs only a
     gain within [1, gain_max], so it holds for any of these.
     """
     excess = np.maximum(lyapunov - tuning.threshold, 0.0)
@@ -79,7 +79,7 @@ def adapt(gain: FloatArray, lyapunov: FloatArray, tuning: Tuning, period: float)
 
 
 def settling_time_bound(lyapunov_0: float, threshold: float, rate: float) -> float:
-    """Return t_inf, s, by when V is at most V_inf: ln(V(0)/V_inf)/alpha, 0 if it is already (paper, eq. 22)."""
+    """Return t_inf, s, by when V is at most V_inf: ln(V(0)/V_inf)/alpha, 0 if it is already (paper, eq. 26)."""
     require_positive("threshold (V_inf)", threshold, "")
     return max(0.0, math.log(max(lyapunov_0, threshold) / threshold)) / require_positive("rate (alpha)", rate, "1/s")
 
@@ -89,7 +89,7 @@ def continuous_gain_bound(
 ) -> float:
     """Return a bound of gamma for all time under the continuous law, from V(0) in the invariant set.
 
-    gamma_0 + mu [ (V(0)/alpha)(1 - exp(-alpha t_inf)) - V_inf t_inf ]: the paper's eq. 21 with the sign of its V_inf
+    gamma_0 + mu [ (V(0)/alpha)(1 - exp(-alpha t_inf)) - V_inf t_inf ]: the paper's eq. 25 with the sign of its V_inf
     term corrected.
     """
     settling = settling_time_bound(lyapunov_0, threshold, rate)

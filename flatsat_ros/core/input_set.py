@@ -2,9 +2,9 @@
 
     V_c = { v : |v + g e3| <= T_max, |(v1, v2)| <= tan(eps_max) (v3 + g), v3 + g >= T_min }
 
-a ball cut by an upright cone with its apex at free fall (arXiv 2308.15177, eq. 8; the half-space of T_min is ours).
+a ball cut by an upright cone with its apex at free fall (arXiv 2308.15177, eq. 7; the half-space of T_min is ours).
 Everything here is exact up to rounding: the saturation factor is the reciprocal of the gauge (Minkowski functional) of
-V_c, not the candidate list of the paper's eq. 11, whose maximum may lie outside V_c (docs/mathematics.md).
+V_c, not the candidate list of the paper's eq. 10, whose maximum may lie outside V_c (docs/errata.md).
 """
 
 from __future__ import annotations

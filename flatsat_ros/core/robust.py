@@ -4,7 +4,7 @@
 
 Drift (unmatched) moves the position, m/s; push (matched) adds to the acceleration, m/s^2. In continuous time
 Q A' + A Q - 2 B B' + beta Q + E E'/beta <= 0, Q = P^-1, makes V' <= beta (w'w - V) wherever the applied gain is at
-least 1 (arXiv 2308.15177, eq. 28b, whose relation is not printed), so that E_w = { V <= 1 } is never left and attracts.
+least 1 (arXiv 2308.15177, eq. 32b, whose relation is not printed), so that E_w = { V <= 1 } is never left and attracts.
 
 The sampled loop gathers over a period an additional d with d d' <= D = h int_0^h e^(As) E E' e^(A's) ds whatever w does
 (Cauchy-Schwarz). With M(k) Q M(k)'/(1 - p) + D/(p s) <= Q for some 0 < p < 1 at the ends of the gain interval, and by

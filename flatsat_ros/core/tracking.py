@@ -2,7 +2,7 @@
 
 The error dynamics allow v~ = v - v_ref in V_c - V_ref (Pontryagin difference) when all that is known of the reference
 is a set V_ref it stays in. The controller knows v_ref(t) and uses the exit factor from it, which is never smaller than
-any of these. All of them keep v_ref + lambda v in V_c; in rising order: the paper's polytope (its eq. 28), the exact
+any of these. All of them keep v_ref + lambda v in V_c; in rising order: the paper's polytope (its eq. 44), the exact
 factors of a ball or of a hull of vertices, the exit factor from v_ref(t).
 """
 
@@ -70,7 +70,7 @@ class Polytope:
     offsets: FloatArray
 
     def factor(self, v: ArrayLike) -> FloatArray:
-        """Return the largest lambda with lambda v inside, (...): the least offset / (normal v) above 0 (eq. 28)."""
+        """Return the largest lambda with lambda v inside, (...): the least offset / (normal v) above 0 (eq. 44)."""
         reach = finite_array("v", v, 3) @ self.normals.T
         with np.errstate(over="ignore"):
             factors = np.divide(self.offsets, reach, out=np.full_like(reach, np.inf), where=reach > 0.0)

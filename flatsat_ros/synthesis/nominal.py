@@ -2,7 +2,7 @@
 
 Every Q with Q A' + A Q - 2 B B' <= -alpha Q is at most the Q = P^-1 of the closed form (in the order of symmetric
 matrices), so that maximising any trace(W Q) with W > 0 must return just that. The largest level eps is the S-procedure
-of the paper's eq. 15. Solver and closed form share no arithmetic: what they agree on is not a slip of either.
+of the paper's eq. 14. Solver and closed form share no arithmetic: what they agree on is not a slip of either.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ def _cross_check(block: FloatArray, rate: float, ball: float) -> dict[str, Any]:
 
 
 def solve_decay(rate: float) -> FloatArray:
-    """Return the largest Q (6, 6) with Q A' + A Q - 2 B B' <= -alpha Q (paper, eq. 16) by semidefinite programming.
+    """Return the largest Q (6, 6) with Q A' + A Q - 2 B B' <= -alpha Q (paper, eq. 15) by semidefinite programming.
 
     Raises:
         FlatsatError: the solver did not report an optimum.
@@ -180,7 +180,7 @@ def solve_decay(rate: float) -> FloatArray:
 
 
 def solve_level(matrix: FloatArray, rate: float, ball: float) -> float:
-    """Return the largest eps for which V <= eps implies |B'P xi|^2 <= rho (paper, eq. 15), by semidefinite programming.
+    """Return the largest eps for which V <= eps implies |B'P xi|^2 <= rho (paper, eq. 14), by semidefinite programming.
 
     Args:
         matrix: P (6, 6).
