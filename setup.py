@@ -37,6 +37,7 @@ setup(
     entry_points={
         "console_scripts": [
             "controller = flatsat_ros.nodes.controller:main",
+            "calibrate_hover = flatsat_ros.nodes.calibrate_hover:main",
             "sim_drone = flatsat_ros.nodes.sim_drone:main",
             "mocap_player = flatsat_ros.nodes.mocap_player:main",
             "synthesize = flatsat_ros.cli.synthesize:main",

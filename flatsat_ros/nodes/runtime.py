@@ -21,7 +21,8 @@ _PATIENCE = 0.1
 def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
     """Run one node until SIGINT, SIGTERM or its own `done` attribute; return the process's exit code.
 
-    A node with a `finish` method is asked at the end to leave the world in a safe state; publishers still work then.
+    A node's attribute `exit_code` says how it went, 0 without one. A node with a `finish` method is asked at the end to
+    leave the world in a safe state; publishers still work then.
 
     rclpy's own signal handlers close the context under the running callbacks, after which nothing can be published;
     ours only set a flag, so that `finish` can still send the last commands.
@@ -51,4 +52,4 @@ def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
-    return 0
+    return int(getattr(node, "exit_code", 0))

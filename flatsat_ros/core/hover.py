@@ -1,0 +1,42 @@
+"""Hover thrust: how much force the motors really give, from the commands of a drone that hovers."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.supervisor import Mode
+from flatsat_ros.core.telemetry import FIELDS
+
+# a hover drifts at most this fast, m/s, root mean square; and is watched for at least so many ticks
+_DRIFT = 0.15
+_TICKS = 20
+
+
+def thrust_scale(rows: ArrayLike, gravity: float) -> tuple[float, float]:
+    """Return actual thrust over commanded thrust, and its standard error, from telemetry during a hover at a set-point.
+
+    While the height does not change, the vertical part of the actual thrust is gravity: scale = g / mean(T cos cos).
+
+    Args:
+        rows: (M, len(FIELDS)) telemetry.
+        gravity: g, m/s^2.
+
+    Raises:
+        FlatsatError: too few rows, the drone did not fly all the time, or it moved too much for a hover.
+    """
+    table = np.asarray(rows, dtype=np.float64)
+    if table.ndim != 2 or table.shape[1] != len(FIELDS) or len(table) < _TICKS:
+        raise FlatsatError(f"telemetry has shape {table.shape}: must be (M, {len(FIELDS)}) with M >= {_TICKS}")
+    column = dict(zip(FIELDS, table.T, strict=True))
+    if (column["mode"] != Mode.FLY).any():
+        raise FlatsatError("the drone did not fly all the time: hover at a set-point while measuring")
+    drift = float(np.sqrt(np.mean(column["error_vx"] ** 2 + column["error_vy"] ** 2 + column["error_vz"] ** 2)))
+    if not drift <= _DRIFT:
+        raise FlatsatError(f"the drone moved with {drift:.3f} m/s: must be at most {_DRIFT} m/s; hover at a set-point")
+    upward = column["T"] * np.cos(column["phi"]) * np.cos(column["theta"])
+    mean = float(upward.mean())
+    return gravity / mean, gravity / mean**2 * float(upward.std()) / math.sqrt(len(upward))

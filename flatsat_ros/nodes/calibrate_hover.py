@@ -1,0 +1,111 @@
+"""Measures in flight what the motors really lift and writes it to a vehicle profile."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import yaml
+from rclpy.node import Node
+from std_msgs.msg import Float64MultiArray
+from tqdm import tqdm
+
+from flatsat_ros._resources import config_path
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.hover import thrust_scale
+from flatsat_ros.core.vehicle import VehicleProfile
+from flatsat_ros.nodes import interfaces, runtime
+from flatsat_ros.nodes.parameters import declare, robot_names
+
+_SILENCE = 5.0  # s without telemetry after which it gives up
+
+
+class CalibrateHover(Node):  # type: ignore[misc]
+    """Watches the telemetry of one hovering drone for a while.
+
+    Attributes:
+        done: whether it is over.
+        exit_code: 0 when the profile was written.
+    """
+
+    def __init__(self) -> None:
+        """Read the parameters, begin to listen."""
+        super().__init__("calibrate_hover")
+        (self._robot,) = robot_names([declare(self, "robot_name", "cf1", "the drone that hovers")])
+        vehicle = declare(self, "vehicle", "cf21", "profile that it flies with: packaged name or path of a YAML file")
+        self._source = config_path(vehicle, "vehicles")
+        output = declare(self, "output", "", "profile to write: path of a YAML file that does not exist yet")
+        self._output = Path(output).expanduser()
+        self._seconds = declare(self, "seconds", 10.0, "how long to measure", unit="s", bounds=(2.0, 600.0))
+        self._gravity = declare(self, "gravity", 9.81, "as in the certificate", unit="m/s^2", bounds=(0.1, 100.0))
+        if not output:
+            raise FlatsatError("parameter output is empty: must be the path of a YAML file")
+        if self._output.exists():
+            raise FlatsatError(f"parameter output = {output!r}: exists already; must be a new file")
+        VehicleProfile.load(self._source)
+        self.done, self.exit_code = False, 1
+        self._rows: list[list[float]] = []
+        self._begin = self._heard = self.get_clock().now().nanoseconds
+        self._bar = tqdm(
+            total=self._seconds, unit="s", desc="hover", bar_format="{desc} {bar} {n:.1f}/{total:.1f} {unit}"
+        )
+        topic = interfaces.TELEMETRY
+        self.create_subscription(topic.kind, topic.of(self._robot), self._on_telemetry, topic.subscribe)
+        self.create_timer(0.5, self._on_timer)
+
+    def finish(self) -> None:
+        """Close the progress display."""
+        self._bar.close()
+
+    def _on_telemetry(self, message: Float64MultiArray) -> None:
+        now = self.get_clock().now().nanoseconds
+        if not self._rows:
+            self._begin = now
+        self._heard = now
+        self._rows.append(list(message.data))
+        elapsed = (now - self._begin) * 1e-9
+        self._bar.update(min(elapsed, self._seconds) - self._bar.n)
+        if elapsed >= self._seconds and not self.done:
+            self._write()
+
+    def _on_timer(self) -> None:
+        silence = (self.get_clock().now().nanoseconds - self._heard) * 1e-9
+        if silence > _SILENCE and not self.done:
+            self._fail(f"no telemetry of {self._robot} for {silence:.0f} s: is the controller running?")
+
+    def _write(self) -> None:
+        try:
+            scale, error = thrust_scale(self._rows, self._gravity)
+        except FlatsatError as reason:
+            self._fail(str(reason))
+            return
+        content = yaml.safe_load(self._source.read_text(encoding="utf-8"))
+        content["force_max"] = float(content["force_max"]) * scale
+        content["name"] = self._output.stem
+        header = (
+            f"# {self._source.stem} with force_max calibrated in a hover of {self._seconds:g} s: times {scale:.4f}\n"
+        )
+        with self._output.open("x", encoding="utf-8") as stream:
+            stream.write(header + yaml.safe_dump(content, sort_keys=False))
+        VehicleProfile.load(self._output)
+        self._bar.close()
+        print(
+            f"{self._robot} lifts {scale:.4f} (standard error {error:.4f}) of what {self._source.stem} promises; "
+            f"wrote {self._output}"
+        )
+        self.done, self.exit_code = True, 0
+
+    def _fail(self, reason: str) -> None:
+        self._bar.close()
+        print(f"error: {reason}", file=sys.stderr)
+        self.done = True
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the calibration; the console script `calibrate_hover`."""
+    return runtime.run(CalibrateHover, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

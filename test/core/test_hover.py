@@ -1,0 +1,46 @@
+"""The thrust scale is what makes the commanded thrust of a hover equal to gravity."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.hover import thrust_scale
+from flatsat_ros.core.supervisor import Mode
+from flatsat_ros.core.telemetry import FIELDS
+
+
+def hover(scale: float, tilt: float = 0.0, noise: float = 0.0, count: int = 200) -> np.ndarray:
+    """Telemetry of a hover with motors that give `scale` of what they should."""
+    rows = np.zeros((count, len(FIELDS)))
+    rows[:, FIELDS.index("mode")] = Mode.FLY
+    rows[:, FIELDS.index("phi")] = tilt
+    thrust = 9.81 / scale / np.cos(tilt) + noise * np.random.default_rng(0).normal(size=count)
+    rows[:, FIELDS.index("T")] = thrust
+    return rows
+
+
+@given(scale=st.floats(0.5, 1.5), tilt=st.floats(-0.1, 0.1))
+def test_the_scale_is_recovered(scale: float, tilt: float) -> None:
+    assert thrust_scale(hover(scale, tilt), 9.81)[0] == pytest.approx(scale, rel=1e-12)
+
+
+def test_the_standard_error_covers_the_noise() -> None:
+    scale, error = thrust_scale(hover(0.95, noise=0.3, count=1000), 9.81)
+    assert error == pytest.approx(0.95**2 / 9.81 * 0.3 / np.sqrt(1000), rel=0.1)
+    assert abs(scale - 0.95) < 4.0 * error
+
+
+def test_what_is_no_hover_is_refused() -> None:
+    moving, landed = hover(1.0), hover(1.0)
+    moving[:, FIELDS.index("error_vx")] = 0.16
+    landed[7, FIELDS.index("mode")] = Mode.REST
+    with pytest.raises(FlatsatError, match=r"moved with 0\.160 m/s"):
+        thrust_scale(moving, 9.81)
+    with pytest.raises(FlatsatError, match="did not fly all the time"):
+        thrust_scale(landed, 9.81)
+    with pytest.raises(FlatsatError, match="must be"):
+        thrust_scale(hover(1.0, count=5), 9.81)
