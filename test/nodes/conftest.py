@@ -271,8 +271,8 @@ class Lab:
         self.wait(stays, f"{robot} to stay within {tolerance} m of {goal}")
 
     def fly(self, *robots: str, **parameters: object) -> Process:
-        """Start the controller for these robots."""
-        return self.start("controller", robot_names=list(robots), **parameters)
+        """Start the controller for these robots; it bears with the stalls of a busy machine if not told otherwise."""
+        return self.start("controller", robot_names=list(robots), **{"pose_timeout": 2.0, **parameters})
 
     def require_within_limits(self, commands: Sequence[Twist]) -> FloatArray:
         """Require that every command is finite and within the certificate's limits; return them as (M, 3) inputs."""

@@ -142,7 +142,7 @@ def test_what_cannot_be_played_is_refused_in_one_line(
 def test_the_controller_survives_every_fault(lab: Lab, tmp_path: Path, column: Column) -> None:
     commands, telemetry = lab.watch(interfaces.COMMAND, "cf1"), lab.watch(interfaces.TELEMETRY, "cf1")
     status = lab.watch_diagnostics("flatsat_controller: cf1")
-    controller = lab.fly("cf1", level_time=LEVEL_TIME)
+    controller = lab.fly("cf1", level_time=LEVEL_TIME, pose_timeout=0.3)
     lab.go_to("cf1", (0.5, 0.0, 1.0), linked=False)
     player = lab.start("mocap_player", file=write_csv(tmp_path / "recording.csv", faulty_recording()))
     player.expected = True
