@@ -72,7 +72,7 @@ class Estimator:
             stamp: when it was measured, s.
             position: (3,) m, world frame.
             quaternion: (4,) x, y, z, w, body -> world. One that is NaN or not of unit length leaves the yaw as it is.
-            now: when it arrived, s.
+            now: the present, when it is taken in, s.
 
         Returns:
             Whether it was accepted. Refused, and counted: a position or stamp that is not finite or beyond 10 km, a

@@ -49,17 +49,13 @@ class Watch:
             margin: (N,) distance of the references' accelerations to the boundary of the input set, m/s^2.
             still: (N,) whether the law's base is 0: a set-point, and nothing compensated.
         """
-        state = np.concatenate([error, self._rest.reshape(len(error), -1)], axis=1)
+        state = np.concatenate([error, self._rest.reshape(len(error), -1)], axis=1) if self._rest.size else error
         membership = self._sets.classify(state)
-        lateral, upright = self._sets.levels(state)
-        relative = (lateral + upright) / (self._sets.level * np.minimum(1.0, margin / self._radius) ** 2)
-        moving = np.where(relative <= 1.0, Place.ELLIPSOID.value, Place.OUTSIDE.value)
-        return Assessment(
-            relative_level=relative,
-            place=np.where(still, membership.place, moving),
-            kappa=membership.kappa,
-            guaranteed=membership.guaranteed & still,
-        )
+        relative = membership.level / np.minimum(1.0, margin / self._radius) ** 2
+        place = membership.place
+        if not still.all():
+            place = np.where(still, place, np.where(relative <= 1.0, Place.ELLIPSOID.value, Place.OUTSIDE.value))
+        return Assessment(relative, place, membership.kappa, membership.guaranteed & still)
 
     def follow(self, acceleration: FloatArray) -> None:
         """Note what the drones were commanded, (N, 3), m/s^2: with lag or delay it is on its way for some time."""

@@ -42,6 +42,7 @@ class Membership:
     """Where N states are.
 
     Attributes:
+        level: (N,) V_h + V_v over the level of E, at most 1 inside; infinite for a state that is not finite.
         place: (N,) values of `Place`.
         kappa: (N,) the applied gain is at least this, min(1, 1/s) with the smallest s D around the state; 0 for a
             state that is not finite.
@@ -49,6 +50,7 @@ class Membership:
             so the state never leaves its set, for every gain gamma in [1, gain_max].
     """
 
+    level: FloatArray
     place: FloatArray
     kappa: FloatArray
     guaranteed: np.ndarray
@@ -127,14 +129,18 @@ class Sets:
             state: (N, 6) or (N, 3 n) errors, see `levels`; a row that is not finite is outside.
         """
         lateral, upright = self.levels(state)
-        finite = np.isfinite(lateral) & np.isfinite(upright)
-        lateral, upright = np.where(finite, lateral, 0.0), np.where(finite, upright, 0.0)
+        total = lateral + upright
+        finite = np.isfinite(total)
+        if not finite.all():
+            lateral, upright = np.where(finite, lateral, 0.0), np.where(finite, upright, 0.0)
+            total = np.where(finite, total, np.inf)
         scale = self._scale(lateral, upright)
         lifted = self._scale(np.maximum(lateral, self.floor), np.maximum(upright, self.floor)) if self.floor else scale
-        ellipsoid, larger = lateral + upright <= self.level, scale <= 1.0
+        ellipsoid, larger = total <= self.level, scale <= 1.0
         guaranteed = finite & (ellipsoid | (lifted <= 1.0) | (lifted * self.gain_min < 1.0))
         place = np.where(ellipsoid, Place.ELLIPSOID.value, np.where(larger, Place.LARGER.value, Place.KAPPA.value))
         return Membership(
+            level=total / self.level,
             place=np.where(finite & (larger | guaranteed), place, Place.OUTSIDE.value),
             kappa=np.where(finite, 1.0 / np.maximum(scale, 1.0), 0.0),
             guaranteed=np.asarray(guaranteed),
