@@ -32,11 +32,15 @@ setup(
     python_requires=">=3.10",
     # rclpy and the messages come from a sourced ROS 2 or from requirements/requirements.txt.
     install_requires=["numpy", "pyyaml", "scipy", "cvxpy", "clarabel", "matplotlib", "tqdm", "rosbags"],
-    extras_require={"test": ["hypothesis", "pytest", "pytest-timeout", "pytest-xdist"]},
+    extras_require={
+        "crazyflie": ["cflib>=0.1.34"],  # GPL: only cflib_bridge imports it
+        "test": ["hypothesis", "pytest", "pytest-timeout", "pytest-xdist"],
+    },
     zip_safe=False,  # the configuration is found beside the package, as files
     entry_points={
         "console_scripts": [
             "controller = flatsat_ros.nodes.controller:main",
+            "cflib_bridge = flatsat_ros.nodes.cflib_bridge:main",
             "calibrate_hover = flatsat_ros.nodes.calibrate_hover:main",
             "sim_drone = flatsat_ros.nodes.sim_drone:main",
             "mocap_player = flatsat_ros.nodes.mocap_player:main",

@@ -182,4 +182,15 @@ def test_every_ros_package_the_nodes_need_is_declared(root: Path) -> None:
         for imported in imports_of(file, dotted)
         if not imported.lazy  # what is imported lazily may be absent
     }
-    assert needed - set(sys.stdlib_module_names) - NO_ROS - {PACKAGE, "rosbags"} <= declared
+    assert needed - set(sys.stdlib_module_names) - NO_ROS - {PACKAGE, "rosbags", "cflib"} <= declared
+
+
+def test_cflib_which_is_gpl_is_loaded_by_one_executable_only() -> None:
+    package = Path(flatsat_ros.__file__).parent
+    users = {
+        (dotted.rpartition(".")[2], imported.lazy)
+        for _, file, dotted in modules(package)
+        for imported in imports_of(file, dotted)
+        if imported.module.partition(".")[0] == "cflib" or "cflib_" in imported.module
+    }
+    assert users == {("cflib_link", False), ("cflib_bridge", True)}

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import re
+import threading
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Collection, Hashable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -14,6 +15,7 @@ import numpy as np
 from flatsat_ros.core.errors import FlatsatError, require
 from flatsat_ros.core.wire import WireSetpoint
 
+S = TypeVar("S", bound=Hashable)
 P = TypeVar("P")
 
 # a drone that got zero thrust for less than this and then nothing may end locked until reboot, s
@@ -79,12 +81,12 @@ def sendable(setpoint: WireSetpoint, pwm_max: float) -> WireSetpoint:
     return setpoint._replace(thrust=float(int(min(max(setpoint.thrust, 0.0), pwm_max))))
 
 
-class Lane(Generic[P]):
+class Lane(Generic[S, P]):
     """The newest packet of every stream that shares a dongle, and when it may leave.
 
     A stream gets at most one packet per `period`, two packets of any streams are at least `gap` apart. A packet that
     waits is replaced by a newer one, and thrown away when it has waited for `lifetime`: a set-point of the past must
-    not fly a drone after its link was blocked.
+    not fly a drone after its link was blocked. Every method may be called from any thread.
 
     Attributes:
         overtaken: by stream, how many packets were replaced or thrown away.
@@ -108,34 +110,42 @@ class Lane(Generic[P]):
             0.0 <= gap <= most, "gap", f"{gap} s", f"0 to {most:.4g} s, to fit {streams} streams into {period:.4g} s"
         )
         self._period, self._gap, self._lifetime = period, gap, lifetime
-        self._waiting: dict[int, tuple[float, P]] = {}
-        self._sent: dict[int, float] = {}
+        self._waiting: dict[S, tuple[float, P]] = {}
+        self._sent: dict[S, float] = {}
         self._last = -math.inf
-        self.overtaken: Counter[int] = Counter()
+        self._lock = threading.Lock()
+        self.overtaken: Counter[S] = Counter()
 
-    def offer(self, stream: int, packet: P, now: float) -> None:
+    def offer(self, stream: S, packet: P, now: float) -> None:
         """Let a packet wait for its turn, in place of the one that waits."""
-        self.overtaken[stream] += stream in self._waiting
-        self._waiting[stream] = now, packet
+        with self._lock:
+            self.overtaken[stream] += stream in self._waiting
+            self._waiting[stream] = now, packet
 
-    def wait(self, streams: Iterable[int], now: float) -> float:
+    def wait(self, streams: Collection[S], now: float) -> float:
         """Return how long, s, until one of these streams has something to send, inf if nothing waits."""
-        return min((self._due(stream) - now for stream in streams if stream in self._waiting), default=math.inf)
+        with self._lock:
+            return min((self._due(stream) - now for stream in streams if stream in self._waiting), default=math.inf)
 
-    def take(self, streams: Iterable[int], now: float) -> tuple[int, P] | None:
+    def take(self, streams: Collection[S], now: float) -> tuple[S, P] | None:
         """Return stream and packet of the one that has waited longest of those that may leave now, None if none may."""
-        for stream, (offered, _) in list(self._waiting.items()):
-            if now - offered > self._lifetime:
-                self.overtaken[stream] += 1
-                del self._waiting[stream]
-        ready = [stream for stream in streams if stream in self._waiting and self._due(stream) <= now]
-        if not ready:
-            return None
-        stream = min(ready, key=lambda stream: self._waiting[stream][0])
-        self._sent[stream] = self._last = now
-        return stream, self._waiting.pop(stream)[1]
+        with self._lock:
+            ready = []
+            for stream in streams:
+                if stream not in self._waiting:
+                    continue
+                if now - self._waiting[stream][0] > self._lifetime:
+                    self.overtaken[stream] += 1
+                    del self._waiting[stream]
+                elif self._due(stream) <= now:
+                    ready.append(stream)
+            if not ready:
+                return None
+            chosen = min(ready, key=lambda stream: self._waiting[stream][0])
+            self._sent[chosen] = self._last = now
+            return chosen, self._waiting.pop(chosen)[1]
 
-    def _due(self, stream: int) -> float:
+    def _due(self, stream: S) -> float:
         return max(self._sent.get(stream, -math.inf) + self._period, self._last + self._gap)
 
 

@@ -81,7 +81,9 @@ def test_what_does_not_fit_the_packet_is_refused(position: int, bad: float) -> N
 arrivals = st.lists(st.tuples(st.integers(0, 3), st.floats(0.0, 0.05)), max_size=60)
 
 
-def play(lane: Lane[int], offers: list[tuple[int, float]], tick: float = 0.001) -> list[tuple[float, int, int, float]]:
+def play(
+    lane: Lane[int, int], offers: list[tuple[int, float]], tick: float = 0.001
+) -> list[tuple[float, int, int, float]]:
     """Offer packets (stream, time after the one before), numbered; return (time, stream, number, age) as they leave."""
     times = list(itertools.accumulate(delay for _, delay in offers))
     sent, number, now = [], 0, 0.0
@@ -101,7 +103,7 @@ def play(lane: Lane[int], offers: list[tuple[int, float]], tick: float = 0.001) 
 @given(offers=arrivals)
 def test_a_lane_keeps_period_gap_and_age(offers: list[tuple[int, float]]) -> None:
     period, gap = 0.02, 0.004
-    lane: Lane[int] = Lane(4, period=period, gap=gap)
+    lane: Lane[int, int] = Lane(4, period=period, gap=gap)
     sent = play(lane, offers)
     rounding = 1e-9
     times = [time for time, *_ in sent]
@@ -119,7 +121,7 @@ def test_a_lane_keeps_period_gap_and_age(offers: list[tuple[int, float]]) -> Non
 
 
 def test_a_burst_for_several_drones_leaves_one_after_the_other_and_the_first_at_once() -> None:
-    lane: Lane[int] = Lane(4, period=0.01, gap=0.0025)
+    lane: Lane[int, int] = Lane(4, period=0.01, gap=0.0025)
     sent = play(lane, [(0, 0.0), (1, 0.0), (2, 0.0), (3, 0.0)], tick=0.0005)
     assert [(time, stream) for time, stream, *_ in sent] == [
         (pytest.approx(0.0025 * stream), stream) for stream in range(4)
@@ -127,7 +129,7 @@ def test_a_burst_for_several_drones_leaves_one_after_the_other_and_the_first_at_
 
 
 def test_a_packet_that_waited_too_long_is_thrown_away() -> None:
-    lane: Lane[str] = Lane(1, period=0.01, gap=0.0, lifetime=LIFETIME)
+    lane: Lane[int, str] = Lane(1, period=0.01, gap=0.0, lifetime=LIFETIME)
     lane.offer(0, "old", 0.0)
     assert lane.take([0], LIFETIME + 0.01) is None
     assert lane.overtaken[0] == 1
@@ -135,7 +137,7 @@ def test_a_packet_that_waited_too_long_is_thrown_away() -> None:
 
 
 def test_who_does_not_fetch_its_packet_blocks_nobody() -> None:
-    lane: Lane[str] = Lane(2, period=0.01, gap=0.005)
+    lane: Lane[int, str] = Lane(2, period=0.01, gap=0.005)
     lane.offer(0, "of a blocked link", 0.0)
     for k in range(20):
         lane.offer(1, "of a good link", 0.011 * k)

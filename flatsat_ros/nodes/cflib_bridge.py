@@ -1,0 +1,314 @@
+"""The link to real Crazyflies without crazyswarm2: its topics on one side, cflib on the other.
+
+cmd_vel_legacy goes out as set-points, the on-board estimate comes in as pose, motion capture goes out as external
+pose; battery, link and console appear on /diagnostics. cflib is GPL and optional: no other executable needs it.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import socket
+import sys
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, Twist
+from rclpy.node import Node
+from std_srvs.srv import Empty, SetBool
+
+from flatsat_ros._resources import config_path
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.link import Address, Farewell, Lane, sendable
+from flatsat_ros.core.supervisor import Policy
+from flatsat_ros.core.vehicle import VehicleProfile
+from flatsat_ros.nodes import interfaces, messages, runtime
+from flatsat_ros.nodes.parameters import declare, robot_names
+
+if TYPE_CHECKING:
+    from flatsat_ros.nodes.cflib_link import Link
+
+_DIAGNOSTICS_PERIOD = 1.0  # s
+_PATIENCE = 0.05  # s
+_GRAVITY = 9.81  # m/s^2
+# supervisor.c: bits of supervisor.info that end a flight
+_TUMBLED, _LOCKED, _CRASHED = 1 << 5, 1 << 6, 1 << 7
+_EXTERNAL = ("none", "position", "pose")
+_ENDS = ("stop", "land")
+
+
+class CflibBridge(Node):  # type: ignore[misc]
+    """ROS shell of the links."""
+
+    def __init__(self) -> None:
+        """Read the parameters, take the drones, connect."""
+        super().__init__("cflib_bridge")
+        cflib_link = _import_links()
+        self.robots = robot_names(declare(self, "robot_names", ["cf1"], "names of the drones, prefix of their topics"))
+        addresses = self._addresses()
+        self._claims = [_claim(address) for address in addresses]
+        vehicle = declare(self, "vehicle", "cf21", "vehicle profile: packaged name or path of a YAML file")
+        self._vehicle = VehicleProfile.load(config_path(vehicle, "vehicles"))
+        pose_rate = declare(
+            self,
+            "pose_rate",
+            0.0,
+            "poses per second from the on-board estimate, rounded to whole 10 ms; 0: none",
+            unit="Hz",
+            bounds=(0.0, 100.0),
+        )
+        external = self._choice("external_pose", _EXTERNAL, "what of the external pose is sent to the drones")
+        self._publishes_pose = pose_rate > 0.0
+        settings = cflib_link.Settings(
+            pose_period=10 * max(round(100.0 / pose_rate), 1) if pose_rate else 0,
+            timeout=declare(
+                self, "link_timeout", 2.0, "silence of a drone after which its connection is lost", unit="s",
+                bounds=(0.1, 60.0),
+            ),
+            farewell=self._farewell(),
+            cache=self._cache(),
+        )  # fmt: skip
+        self._refused: Counter[str] = Counter()
+        cflib_link.initialise()
+        self.links = self._links(addresses, 1 if external == "none" else 2, settings, cflib_link)
+        for link in self.links:
+            self._connect(link)
+        if external != "none":
+            self._locate(with_attitude=external == "pose")
+        self._serve(interfaces.ALL, self.links)
+        self._diagnostics = self.create_publisher(
+            interfaces.DIAGNOSTICS_KIND, interfaces.DIAGNOSTICS, interfaces.DIAGNOSTICS_QOS
+        )
+        self.create_timer(_DIAGNOSTICS_PERIOD, self._on_diagnostics)
+        for link in self.links:
+            link.start()
+        pairs = zip(self.robots, addresses, strict=True)
+        self.get_logger().info("linking " + ", ".join(f"{robot} at {address.uri}" for robot, address in pairs))
+
+    def finish(self) -> None:
+        """Say farewell to every drone that was flown; the emergency stop works until the last one is through."""
+        for link in self.links:
+            link.leave()
+        while any(link.alive for link in self.links):
+            self.executor.spin_once(timeout_sec=_PATIENCE)
+
+    def _addresses(self) -> list[Address]:
+        default = [f"udp://127.0.0.1:{19850 + index}" for index in range(len(self.robots))]
+        uris = declare(self, "uris", default, "URI of every drone in turn: radio://0/80/2M/E7E7E7E701, udp://host:port")
+        if len(uris) != len(self.robots):
+            raise FlatsatError(f"parameter uris has {len(uris)} entries: must have {len(self.robots)}, one per robot")
+        addresses = [Address.parse(uri) for uri in uris]
+        for index, address in enumerate(addresses):
+            if address.drone in [other.drone for other in addresses[:index]]:
+                raise FlatsatError(f"URI {address.uri!r} is given twice: each drone must have its own")
+        return addresses
+
+    def _choice(self, name: str, valid: Sequence[str], meaning: str) -> str:
+        value = declare(self, name, valid[0], f"{meaning}: {', '.join(valid)}")
+        if value not in valid:
+            raise FlatsatError(f"parameter {name} = {value!r}: must be one of {', '.join(valid)}")
+        return str(value)
+
+    def _farewell(self) -> Farewell:
+        end = self._choice("on_shutdown", _ENDS, "how drones that were flown are left")
+        descent = declare(self, "land_time", 3.0, "level descent before the motors stop", unit="s", bounds=(0.1, 60.0))
+        thrust = float(self._vehicle.pwm_from_thrust(Policy.level_thrust * _GRAVITY))
+        return Farewell(descent if end == "land" else 0.0, thrust)
+
+    def _cache(self) -> str | None:
+        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "flatsat_ros", "cflib")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            self.get_logger().warning(f"connecting will take seconds each time, no cache: {error}")
+            return None
+        return str(folder)
+
+    def _links(self, addresses: Sequence[Address], streams: int, settings: Any, cflib_link: Any) -> list[Link]:
+        """Make the links; those that share a dongle share its time."""
+        rate = declare(self, "rate", 100.0, "most set-points per second and drone", unit="Hz", bounds=(5.0, 500.0))
+        spacing = declare(self, "spacing", 0.001, "between any two packets of one dongle", unit="s", bounds=(0.0, 0.1))
+        users = Counter(address.lane for address in addresses)
+        try:
+            lanes = {name: Lane[Any, Any](streams * users[name], period=1.0 / rate, gap=spacing) for name in users}
+        except FlatsatError as error:
+            raise FlatsatError(f"parameters rate = {rate} Hz, spacing = {spacing} s: {error}") from error
+        return [
+            cflib_link.Link(
+                robot,
+                address,
+                lanes[address.lane],
+                settings,
+                self._pose_publisher(robot),
+                self._battery_publisher(robot),
+                self._line_logger(robot),
+            )
+            for robot, address in zip(self.robots, addresses, strict=True)
+        ]
+
+    def _pose_publisher(self, robot: str) -> Callable[[tuple[float, ...], tuple[float, ...]], None]:
+        """Return what publishes a pose, in a thread of cflib's; stamped on arrival, for the drone's clock is its own.
+
+        The topic exists only where poses are asked for: it may be motion capture's.
+        """
+        pose, message = interfaces.POSE, PoseStamped()
+        message.header.frame_id = "world"
+        publisher = self.create_publisher(pose.kind, pose.of(robot), pose.publish) if self._publishes_pose else None
+
+        def publish(position: tuple[float, ...], quaternion: tuple[float, ...]) -> None:
+            messages.fill_pose(message, self.get_clock().now().nanoseconds, position, quaternion)
+            publisher.publish(message)
+
+        return publish
+
+    def _battery_publisher(self, robot: str) -> Callable[[float], None]:
+        battery = interfaces.BATTERY
+        publisher = self.create_publisher(battery.kind, battery.of(robot), battery.publish)
+        return lambda volts: publisher.publish(messages.battery_message(self.get_clock().now().nanoseconds, volts))
+
+    def _line_logger(self, robot: str) -> Callable[[str], None]:
+        return lambda line: self.get_logger().info(f"{robot}: {line}")
+
+    def _connect(self, link: Link) -> None:
+        """Connect the topics and services of one drone."""
+        command, robot = interfaces.COMMAND, link.robot
+        self.create_subscription(
+            command.kind, command.of(robot), lambda m: self._on_command(link, m), command.subscribe
+        )
+        self._serve(robot, [link])
+
+    def _serve(self, name: str, links: Sequence[Link]) -> None:
+        """Offer the services of one drone, or of all."""
+        emergency, arm = (
+            interfaces.drone_service_of(name, service) for service in (interfaces.EMERGENCY, interfaces.ARM)
+        )
+        self.create_service(Empty, emergency, lambda _, answer: self._on_emergency(links, answer))
+        self.create_service(SetBool, arm, lambda request, answer: self._on_arm(links, request.data, answer))
+
+    def _locate(self, with_attitude: bool) -> None:
+        """Send external poses on to the drones.
+
+        Raises:
+            FlatsatError: they would be our own.
+        """
+        suffix = declare(self, "external_pose_topic", "mocap_pose", "name of the external pose, below the robot's")
+        for link in self.links:
+            own, topic = (self.resolve_topic_name(f"{link.robot}/{name}") for name in (interfaces.POSE.suffix, suffix))
+            if self._publishes_pose and own == topic:
+                raise FlatsatError(
+                    f"external poses from {topic} would be the bridge's own estimate: choose another "
+                    "external_pose_topic, or pose_rate 0.0"
+                )
+            self.create_subscription(
+                interfaces.POSE.kind,
+                topic,
+                lambda data, link=link: self._on_external_pose(link, data, with_attitude),
+                interfaces.POSE.subscribe,
+                raw=True,
+            )
+
+    def _on_command(self, link: Link, message: Twist) -> None:
+        try:
+            link.command(sendable(messages.command_from_message(message), self._vehicle.pwm_max))
+        except FlatsatError as error:
+            self._refuse(link, error)
+
+    def _on_external_pose(self, link: Link, data: bytes, with_attitude: bool) -> None:
+        _, position, quaternion = messages.pose_from_cdr(data)
+        values = position + quaternion if with_attitude else position
+        if all(map(math.isfinite, values)):
+            link.locate(position, quaternion if with_attitude else None)
+        else:
+            self._refuse(link, f"external pose {values}: must be finite")
+
+    def _refuse(self, link: Link, reason: object) -> None:
+        self._refused[link.robot] += 1
+        self.get_logger().error(f"{link.robot}: not sent: {reason}", throttle_duration_sec=1.0)
+
+    def _on_emergency(self, links: Sequence[Link], answer: Empty.Response) -> Empty.Response:
+        for link in links:
+            link.stop_motors()
+        self.get_logger().error(f"emergency stop of {', '.join(link.robot for link in links)}")
+        return answer
+
+    def _on_arm(self, links: Sequence[Link], wanted: bool, answer: SetBool.Response) -> SetBool.Response:
+        deaf = [link.robot for link in links if not link.arm(wanted)]
+        answer.success, answer.message = not deaf, f"not connected: {', '.join(deaf)}" if deaf else "sent"
+        return answer
+
+    def _on_diagnostics(self) -> None:
+        message = interfaces.DIAGNOSTICS_KIND()
+        message.header.stamp = self.get_clock().now().to_msg()
+        for link in self.links:
+            level, text = self._condition(link)
+            values = {
+                "uri": link.address.uri,
+                "silent s": f"{link.silence:.2f}",
+                "refused": self._refused[link.robot],
+                "overtaken": link.overtaken,
+                **link.counts,
+                **{name: f"{value:.4g}" for name, value in dict(link.values).items()},
+                "console": "\n".join(list(link.console)),
+            }
+            message.status.append(
+                messages.diagnostic_status(f"{self.get_name()}: {link.robot}", link.address.uri, level, text, values)
+            )
+        self._diagnostics.publish(message)
+
+    def _condition(self, link: Link) -> tuple[bytes, str]:
+        """Return the level and a few words about one drone."""
+        flags = int(link.values.get("supervisor.info", 0))
+        if link.stopped:
+            return DiagnosticStatus.ERROR, "emergency stop"
+        if not link.connected:
+            return DiagnosticStatus.ERROR, link.condition
+        for flag, text in ((_LOCKED, "locked until reboot"), (_CRASHED, "crashed"), (_TUMBLED, "tumbled")):
+            if flags & flag:
+                return DiagnosticStatus.ERROR, text
+        if link.values.get("pm.vbat", math.inf) < self._vehicle.battery.low_voltage:
+            return DiagnosticStatus.WARN, "battery low"
+        return DiagnosticStatus.OK, link.condition
+
+
+def _import_links() -> Any:
+    """Load what needs cflib.
+
+    Raises:
+        FlatsatError: cflib is not installed.
+    """
+    try:
+        from flatsat_ros.nodes import cflib_link
+    except ModuleNotFoundError as error:
+        raise FlatsatError(f'{error}: cflib_bridge needs cflib: pip install "flatsat_ros[crazyflie]"') from error
+    return cflib_link
+
+
+def _claim(address: Address) -> socket.socket:
+    """Take a drone for this process, by a name that the kernel gives only once on a machine and frees by itself.
+
+    Two bridges would fight over the set-points of one drone, each believing to fly it.
+
+    Raises:
+        FlatsatError: another bridge has it.
+    """
+    claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        claim.bind(f"\0flatsat_ros cflib_bridge {address.drone}")
+    except OSError as error:
+        claim.close()
+        raise FlatsatError(
+            f"{address.uri} is taken by another cflib_bridge on this machine: stop that first"
+        ) from error
+    return claim
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the bridge; the console script `cflib_bridge`."""
+    return runtime.run(CflibBridge, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

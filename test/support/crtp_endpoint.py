@@ -1,0 +1,283 @@
+"""Crazyflies that answer over UDP: what cflib asks and sends, one CRTP packet per datagram, in front of `sim.fleet`.
+
+The packets are those of crazyflie-firmware's src/modules/src/{crtp_*,log,param,mem}.c as cflib 0.1.34 speaks to them.
+Written from the firmware's side and without cflib, so that a misunderstanding of cflib's shows.
+"""
+
+from __future__ import annotations
+
+import binascii
+import random
+import select
+import socket
+import struct
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from flatsat_ros.sim.fleet import SimulatedFleet
+
+PROTOCOL = 12
+_PATIENCE = 0.002  # s
+_CATCH_UP = 0.25  # s, as in sim_drone
+_PIECE = 30  # bytes of a packet
+_FLOAT, _UINT16, _FP16 = 7, 2, 8
+_FORMAT = {_FLOAT: "<f", _UINT16: "<H", _FP16: "<e"}
+_CREATE, _START, _RESET = 6, 3, 5
+
+LOG = (
+    *((f"stateEstimate.{name}", _FLOAT) for name in ("x", "y", "z", "qx", "qy", "qz", "qw")),
+    ("pm.vbat", _FLOAT),
+    ("supervisor.info", _UINT16),
+)
+PARAMETERS = (("stabilizer.controller", 8), ("flightmode.stabModeYaw", 8))
+
+
+class Received(NamedTuple):
+    """One packet from the ground."""
+
+    time: float  # s, monotonic
+    header: int
+    data: bytes
+
+    @property
+    def port(self) -> tuple[int, int]:
+        """Port and channel; the two bits between them mean nothing."""
+        return self.header >> 4, self.header & 3
+
+
+@dataclass
+class Block:
+    """One block of log variables."""
+
+    variables: list[tuple[int, int]]  # index in LOG, type to send
+    period: float = 0.0  # s; 0: stopped
+    due: float = 0.0
+
+
+@dataclass
+class Drone:
+    """One radio address.
+
+    Attributes:
+        port: UDP port.
+        received: what came, the newest last.
+        deaf: neither hears nor answers, as one that is out of range.
+        delay: s, of every answer.
+        loss: probability that a packet of either direction vanishes.
+    """
+
+    port: int
+    socket: socket.socket | None = None
+    peer: tuple[str, int] | None = None
+    blocks: dict[int, Block] = field(default_factory=dict)
+    received: deque[Received] = field(default_factory=lambda: deque(maxlen=100_000))
+    answers: deque[tuple[float, bytes]] = field(default_factory=deque)
+    deaf: bool = False
+    delay: float = 0.0
+    loss: float = 0.0
+
+    def of(self, port: int, channel: int) -> list[Received]:
+        """What came on a port and channel."""
+        return [packet for packet in list(self.received) if packet.port == (port, channel)]
+
+    @property
+    def uri(self) -> str:
+        """Where cflib finds it."""
+        return f"udp://127.0.0.1:{self.port}"
+
+
+class Endpoint:
+    """A fleet in real time behind UDP ports of this machine.
+
+    Attributes:
+        fleet: change it only under `lock`.
+        drones: their links, switched off at first.
+    """
+
+    def __init__(self, fleet: SimulatedFleet, seed: int = 0) -> None:
+        self.fleet = fleet
+        self.lock = threading.Lock()
+        self.drones = [Drone(_free_port()) for _ in range(fleet.count)]
+        self._random = random.Random(seed)
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="endpoint", daemon=True)
+        self._thread.start()
+
+    @property
+    def uris(self) -> list[str]:
+        """All of them."""
+        return [drone.uri for drone in self.drones]
+
+    def switch_on(self, *indices: int) -> None:
+        """Boot drones, all by default: until then nobody listens at their ports."""
+        with self.lock:
+            for index in indices or range(len(self.drones)):
+                drone = self.drones[index]
+                drone.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+                drone.socket.setblocking(False)
+                drone.socket.bind(("127.0.0.1", drone.port))
+                drone.peer, drone.blocks = None, {}
+                self.fleet.reboot(index)
+
+    def switch_off(self, index: int) -> None:
+        """Close a drone's port: packets to it are refused."""
+        with self.lock:
+            open_socket, self.drones[index].socket = self.drones[index].socket, None
+            if open_socket:
+                open_socket.close()
+
+    def print(self, index: int, text: str) -> None:
+        """Have a drone print, in pieces as the firmware does."""
+        with self.lock:
+            raw = text.encode()
+            for start in range(0, len(raw), _PIECE):
+                self._answer(self.drones[index], 0, 0, raw[start : start + _PIECE])
+
+    def close(self) -> None:
+        """Switch all off."""
+        assert self._thread.is_alive(), "the endpoint broke down: see the exception of its thread"
+        self._closing.set()
+        self._thread.join()
+        for index in range(len(self.drones)):
+            self.switch_off(index)
+
+    def _run(self) -> None:
+        seen, room = time.monotonic(), 0.0
+        while not self._closing.is_set():
+            open_sockets = [drone.socket for drone in self.drones if drone.socket]
+            select.select(open_sockets, [], [], _PATIENCE)
+            now = time.monotonic()
+            with self.lock:
+                room += min(now - seen, _CATCH_UP)
+                seen = now
+                self.fleet.advance_to(room)
+                for index, drone in enumerate(self.drones):
+                    self._hear(index, drone, now)
+                    self._log(index, drone, now)
+                    self._send(drone, now)
+
+    def _hear(self, index: int, drone: Drone, now: float) -> None:
+        while drone.socket:
+            try:
+                data, peer = drone.socket.recvfrom(64)
+            except BlockingIOError:
+                return
+            except ConnectionError:  # the ground closed its port
+                drone.peer = None
+                continue
+            if drone.deaf or self._random.random() < drone.loss:
+                continue
+            drone.peer = peer
+            packet = Received(now, data[0], data[1:])
+            drone.received.append(packet)
+            handle = self._handlers().get(packet.port)
+            for answer in handle(index, packet.data) if handle else ():
+                self._answer(drone, *packet.port, answer)
+
+    def _handlers(self) -> dict[tuple[int, int], Callable[[int, bytes], Iterator[bytes]]]:
+        """By port and channel, what answers."""
+        return {
+            (15, 1): lambda _, data: iter([b"Bitcraze Crazyflie\0"]),
+            (15, 0): lambda _, data: iter([data]),
+            (13, 1): lambda _, data: iter([bytes([0, PROTOCOL])]),
+            (5, 0): lambda _, data: _table(data, LOG, extra=b"\x10\x80"),
+            (2, 0): lambda _, data: _table(data, PARAMETERS),
+            (2, 1): lambda _, data: iter([data[:2] + b"\0\1"]),
+            (2, 2): lambda _, data: iter([data]),
+            (4, 0): lambda _, data: iter([bytes([1, 0])]),
+            (5, 1): self._on_log_command,
+            (3, 0): self._on_setpoint,
+            (7, 1): self._on_notify,
+            (9, 1): self._on_supervisor,
+        }
+
+    def _on_log_command(self, index: int, data: bytes) -> Iterator[bytes]:
+        blocks, command = self.drones[index].blocks, data[0]
+        block = data[1] if len(data) > 1 else 0
+        if command == _RESET:
+            blocks.clear()
+        elif command == _CREATE:
+            entries = [struct.unpack_from("<BH", data, at) for at in range(2, len(data), 3)]
+            blocks[block] = Block([(number, kind & 0x0F) for kind, number in entries])
+        elif command == _START:
+            blocks[block].period = data[2] / 100.0
+        yield bytes([command, block, 0])
+
+    def _on_setpoint(self, index: int, data: bytes) -> Iterator[bytes]:
+        roll, pitch, yaw, thrust = struct.unpack_from("<fffH", data)
+        # the packet's pitch is the negative of ours
+        self.fleet.command(index, roll, -pitch, yaw, thrust)
+        return iter(())
+
+    def _on_notify(self, index: int, data: bytes) -> Iterator[bytes]:
+        if data[0] == 0:
+            self.fleet.firmware.notify_setpoints_stop(index)
+        return iter(())
+
+    def _on_supervisor(self, index: int, data: bytes) -> Iterator[bytes]:
+        firmware = self.fleet.firmware
+        if data[0] == 1:
+            accepted = firmware.request_arming(index, bool(data[1]))
+            yield bytes([0x81, accepted, int(firmware.armed[index])])
+        elif data[0] == 3:
+            firmware.request_emergency(index)
+
+    def _log(self, index: int, drone: Drone, now: float) -> None:
+        for number, block in drone.blocks.items():
+            if block.period and now >= block.due:
+                block.due = max(block.due + block.period, now)
+                values = self._values(index)
+                data = b"".join(struct.pack(_FORMAT[kind], values[variable]) for variable, kind in block.variables)
+                stamp = round(self.fleet.time * 1000) & 0xFFFFFF
+                self._answer(drone, 5, 2, bytes([number]) + stamp.to_bytes(3, "little") + data)
+
+    def _values(self, index: int) -> list[float]:
+        """What the drone logs, in the order of LOG; its estimate is the truth."""
+        positions, quaternions = self.fleet.poses()
+        battery, info = self.fleet.power.voltage[index], int(self.fleet.firmware.info()[index])
+        return [*positions[index].tolist(), *quaternions[index].tolist(), float(battery), info]
+
+    def _answer(self, drone: Drone, port: int, channel: int, data: bytes) -> None:
+        drone.answers.append((time.monotonic() + drone.delay, bytes([port << 4 | 3 << 2 | channel]) + data))
+
+    def _send(self, drone: Drone, now: float) -> None:
+        while drone.answers and drone.answers[0][0] <= now:
+            _, data = drone.answers.popleft()
+            lost = drone.deaf or self._random.random() < drone.loss
+            if drone.socket and drone.peer and not lost:
+                drone.socket.sendto(data, drone.peer)
+
+
+def _table(data: bytes, entries: Sequence[tuple[str, int]], extra: bytes = b"") -> Iterator[bytes]:
+    """Answer about a table of contents, whose checksum changes with its content."""
+    if data[0] == 3:
+        checksum = binascii.crc32(repr(entries).encode())
+        yield bytes([3]) + struct.pack("<HI", len(entries), checksum) + extra
+    elif data[0] == 2:
+        (number,) = struct.unpack_from("<H", data, 1)
+        name, kind = entries[number]
+        yield data[:3] + bytes([kind]) + name.replace(".", "\0").encode() + b"\0"
+
+
+def _free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def airborne(endpoint: Endpoint, index: int, height: float = 0.05) -> bool:
+    """Whether a drone is above a height, m."""
+    with endpoint.lock:
+        return bool(endpoint.fleet.bodies.position[index, 2] > height)
+
+
+def heights(endpoint: Endpoint) -> np.ndarray:
+    """Heights of all drones, m."""
+    with endpoint.lock:
+        return np.array(endpoint.fleet.bodies.position[:, 2])
