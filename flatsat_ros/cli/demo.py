@@ -103,7 +103,14 @@ def _parser() -> argparse.ArgumentParser:
 
 def _run(arguments: argparse.Namespace) -> int:
     arguments.output.mkdir(parents=True, exist_ok=True)
-    scenario = plan(arguments)
+    scenario = plan(
+        arguments.output,
+        arguments.robots,
+        arguments.seconds,
+        arguments.rate,
+        arguments.dynamics,
+        DISTURBANCE_MAX if arguments.offset_free else 0.0,
+    )
     if arguments.headless:
         record = fly_headless(scenario)
     else:
@@ -125,13 +132,27 @@ def _run(arguments: argparse.Namespace) -> int:
     return 1 if broken else 0
 
 
-def plan(arguments: argparse.Namespace) -> Scenario:
-    """Return what is to be flown.
+def plan(
+    folder: Path,
+    count: int = 3,
+    seconds: float = 3 * LEG_TIME,
+    rate: float | None = None,
+    dynamics: str = "identified",
+    disturbance_max: float = 0.0,
+) -> Scenario:
+    """Return what is to be flown: by default Test 2 of the paper.
+
+    Args:
+        folder: where a certificate for another rate is written.
+        count: number of drones.
+        seconds: of swapping, rounded up to whole legs.
+        rate: of the controller, Hz; None for the rate of the paper's certificate.
+        dynamics: ideal or identified.
+        disturbance_max: m/s^2, what the controller may compensate.
 
     Raises:
         FlatsatError: the number of drones, the time or the rate cannot be flown.
     """
-    count, seconds, rate = arguments.robots, arguments.seconds, arguments.rate
     if not 1 <= count <= 64:
         raise FlatsatError(f"--robots {count}: must be from 1 to 64")
     if not 0.0 < seconds <= 3600.0:
@@ -144,7 +165,7 @@ def plan(arguments: argparse.Namespace) -> Scenario:
         from flatsat_ros.synthesis.nominal import synthesize
 
         certificate = synthesize(certificate.limits, certificate.rate, 1.0 / rate, f"demo_{rate:g}_hz")
-        path = arguments.output / "certificate.yaml"
+        path = folder / "certificate.yaml"
         certificate.save(path)
     from flatsat_ros.synthesis.planner import spline_through
 
@@ -163,8 +184,8 @@ def plan(arguments: argparse.Namespace) -> Scenario:
         swaps=swaps,
         certificate=certificate,
         certificate_path=path,
-        dynamics=arguments.dynamics,
-        disturbance_max=DISTURBANCE_MAX if arguments.offset_free else 0.0,
+        dynamics=dynamics,
+        disturbance_max=disturbance_max,
     )
 
 

@@ -185,46 +185,55 @@ class Pilot:
             self.estimator.restart()
             self._since = np.minimum(self._since, now)
         self._last_tick = now
-        state = self.estimator.estimate(now)
-        usable = self.estimator.usable(now, self.policy.pose_timeout)
+        self._state = self.estimator.estimate(now)
+        self._usable = self.estimator.usable(now, self.policy.pose_timeout)
         reference = self._references.sample(now)
-        self._state, self._usable = state, usable
-        # the reference has left the drone behind, and the drone rests: it stands on something
-        below = state[:, 2] - reference[:, 2] - self._offset > _TOUCH_DOWN_DISTANCE
-        resting = self._landing & below & (np.abs(state[:, 5]) < _TOUCH_DOWN_SPEED)
-        self._resting_since = np.where(resting, np.minimum(self._resting_since, now), np.inf)
-        down = now - self._resting_since >= _TOUCH_DOWN_TIME
-        self._advance_modes(now, usable, state[:, 2], down)
+        self._advance_modes(now, self._touched_down(now, reference))
 
         disturbance = self._compensated()
         base = reference.copy()
         base[:, 6:] -= disturbance
-        memory, output = self._controller.step(self.memory, state, self.estimator.yaw, base)
-        flying = self.mode == Mode.FLY.value
-        tuning = self._controller.tuning
-        anew = self._referred & flying & tuning.restart & (output.lyapunov > tuning.threshold)
-        if anew.any():
-            self.memory = Memory(np.where(anew, tuning.gain_initial, self.memory.gain))
-            memory, output = self._controller.step(self.memory, state, self.estimator.yaw, base)
-        self._referred &= ~flying
-        self.memory = Memory(np.where(flying, memory.gain, self.memory.gain))
+        output = self._steer(base)
+        command, acceleration, yaw_rate = self._command(output)
 
-        error = self._references.yaw - self.estimator.yaw
-        turn = np.clip(_YAW_GAIN * (np.mod(error + np.pi, 2.0 * np.pi) - np.pi), -_YAW_RATE_MAX, _YAW_RATE_MAX)
-        if flying.all():
-            command, acceleration, yaw_rate = output.input, output.acceleration, turn
-        else:
-            level = self.mode == Mode.LEVEL.value
-            command = np.where(flying[:, np.newaxis], output.input, np.where(level[:, np.newaxis], self._level, 0.0))
-            acceleration = np.where(flying[:, np.newaxis], output.acceleration, 0.0)
-            acceleration[level, 2] = self._level[0] - self.certificate.limits.gravity
-            yaw_rate = np.where(flying, turn, 0.0)
         margin = self._margin - np.sqrt((disturbance * disturbance).sum(axis=1))
         assessment = self._watch.assess(output.error, margin, np.asarray(~base[:, 3:].any(axis=1)))
         self._watch.follow(acceleration)
         self.estimator.command(now, acceleration)
         duration = perf_counter() - begin
         return Tick(self.mode.copy(), command, yaw_rate, output, reference, disturbance, assessment, duration)
+
+    def _steer(self, base: FloatArray) -> Output:
+        """Step the law; a new reference that is far restarts the gain first, and only drones in FLY adapt theirs."""
+        yaw, tuning, flying = self.estimator.yaw, self._controller.tuning, self.mode == Mode.FLY.value
+        memory, output = self._controller.step(self.memory, self._state, yaw, base)
+        anew = self._referred & flying & tuning.restart & (output.lyapunov > tuning.threshold)
+        if anew.any():
+            self.memory = Memory(np.where(anew, tuning.gain_initial, self.memory.gain))
+            memory, output = self._controller.step(self.memory, self._state, yaw, base)
+        self._referred &= ~flying
+        self.memory = Memory(np.where(flying, memory.gain, self.memory.gain))
+        return output
+
+    def _command(self, output: Output) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what each mode commands, input, acceleration and yaw rate: the law's in FLY, level in LEVEL, else zero."""
+        error = np.mod(self._references.yaw - self.estimator.yaw + np.pi, 2.0 * np.pi) - np.pi
+        turn = np.clip(_YAW_GAIN * error, -_YAW_RATE_MAX, _YAW_RATE_MAX)
+        flying = self.mode == Mode.FLY.value
+        if flying.all():
+            return output.input, output.acceleration, turn
+        level, flies = self.mode == Mode.LEVEL.value, flying[:, np.newaxis]
+        command = np.where(flies, output.input, np.where(level[:, np.newaxis], self._level, 0.0))
+        acceleration = np.where(flies, output.acceleration, 0.0)
+        acceleration[level, 2] = self._level[0] - self.certificate.limits.gravity
+        return command, acceleration, np.where(flying, turn, 0.0)
+
+    def _touched_down(self, now: float, reference: FloatArray) -> np.ndarray:
+        """Tell which landing drones stand: their reference has left them behind, and they have rested for a while."""
+        below = self._state[:, 2] - reference[:, 2] - self._offset > _TOUCH_DOWN_DISTANCE
+        resting = self._landing & below & (np.abs(self._state[:, 5]) < _TOUCH_DOWN_SPEED)
+        self._resting_since = np.where(resting, np.minimum(self._resting_since, now), np.inf)
+        return np.asarray(now - self._resting_since >= _TOUCH_DOWN_TIME)
 
     def last_input(self) -> FloatArray:
         """Return the inputs (N, 3) to leave behind on shutdown: level and sinking for drones in the air, else zero."""
@@ -239,15 +248,15 @@ class Pilot:
         factor = np.where(self.mode == Mode.FLY.value, np.minimum(1.0, most / np.maximum(size, _TINY)), 0.0)
         return np.asarray(estimate * factor[:, np.newaxis])
 
-    def _advance_modes(self, now: float, usable: np.ndarray, height: FloatArray, down: np.ndarray) -> None:
-        for i in np.flatnonzero((self.mode != Mode.FLY.value) | ~usable | down):
+    def _advance_modes(self, now: float, down: np.ndarray) -> None:
+        for i in np.flatnonzero((self.mode != Mode.FLY.value) | ~self._usable | down):
             before = Mode(self.mode[i])
             after = next_mode(
                 before,
                 now - self._since[i],
                 requested=bool(self._requested[i]),
-                usable=bool(usable[i]),
-                height=float(height[i]),
+                usable=bool(self._usable[i]),
+                height=float(self._state[i, 2]),
                 down=bool(down[i]),
                 policy=self.policy,
             )
