@@ -216,7 +216,7 @@ class Pilot:
         return output
 
     def _command(self, output: Output) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return what each mode commands, input, acceleration and yaw rate: the law's in FLY, level in LEVEL, else zero."""
+        """Return input, acceleration and yaw rate of each mode: the law's in FLY, level in LEVEL, else zero."""
         error = np.mod(self._references.yaw - self.estimator.yaw + np.pi, 2.0 * np.pi) - np.pi
         turn = np.clip(_YAW_GAIN * error, -_YAW_RATE_MAX, _YAW_RATE_MAX)
         flying = self.mode == Mode.FLY.value
