@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -106,7 +108,7 @@ def repeated_set_points(tuning: Tuning) -> list[float]:
 def test_the_papers_gain_ratchets_over_repeated_set_points_and_a_restarted_one_does_not() -> None:
     cap = certificate().gain_max
     ratchet = repeated_set_points(Tuning(2.0, 0.05, 1.0, cap, 0.0, False))
-    assert all(b > a + 0.2 for a, b in zip(ratchet[:-1], ratchet[1:], strict=True))
+    assert all(b > a + 0.2 for a, b in itertools.pairwise(ratchet))
     restarted = repeated_set_points(Tuning(2.0, 0.05, 1.0, cap, 0.0, True))
     assert max(restarted) - min(restarted[1:]) < 0.5
     assert max(restarted) < ratchet[-1]
