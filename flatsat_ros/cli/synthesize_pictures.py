@@ -98,7 +98,6 @@ def _starts(axes: Axes, certificate: Certificate) -> None:
     states[:, 0], states[:, 2] = np.cos(angle), np.sin(angle)
     _rays(axes, certificate.sets, states, (0, 2))
     axes.set(xlabel="x, m", ylabel="z, m", title="starts at rest")
-    axes.set_aspect("equal")
 
 
 def _rays(axes: Axes, sets: Sets, states: np.ndarray, shown: tuple[int, int]) -> None:
@@ -126,7 +125,8 @@ def _caps(axes: Axes, certificate: Certificate) -> None:
 
     for lag in _LAGS:
         caps = [cap(float(period), lag) for period in _PERIODS]
-        axes.loglog(_PERIODS, caps, label=f"lag {1e3 * lag:.0f} ms")
+        label = f"lag {1e3 * lag:.0f} ms" if lag or certificate.delay else "no lag, by V itself"
+        axes.loglog(_PERIODS, caps, label=label)
     axes.plot(certificate.period, certificate.gain_max, "ko", label="this certificate")
     title = f"largest provable gain, delay {1e3 * certificate.delay:.3g} ms"
     axes.set(xlabel="period h, s", ylabel="gamma_max", title=title)
