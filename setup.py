@@ -47,6 +47,7 @@ setup(
             "synthesize = flatsat_ros.cli.synthesize:main",
             "demo = flatsat_ros.cli.demo:main",
             "reproduce = flatsat_ros.cli.reproduce:main",
+            "falsify = flatsat_ros.cli.falsify:main",
         ],
     },
 )

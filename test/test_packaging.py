@@ -18,7 +18,17 @@ import flatsat_ros
 from flatsat_ros._resources import config_path
 from flatsat_ros.core.errors import FlatsatError
 
-EXECUTABLES = ["calibrate_hover", "cflib_bridge", "controller", "demo", "mocap_player", "reproduce", "sim_drone", "synthesize"]
+EXECUTABLES = [
+    "calibrate_hover",
+    "cflib_bridge",
+    "controller",
+    "demo",
+    "falsify",
+    "mocap_player",
+    "reproduce",
+    "sim_drone",
+    "synthesize",
+]
 
 
 def entry_points() -> dict[str, EntryPoint]:
