@@ -33,7 +33,7 @@ setup(
     # rclpy and the messages come from a sourced ROS 2 or from requirements/requirements.txt.
     install_requires=["numpy", "pyyaml", "scipy", "cvxpy", "clarabel", "matplotlib", "tqdm", "rosbags"],
     extras_require={
-        "crazyflie": ["cflib>=0.1.34"],  # GPL: only cflib_bridge imports it
+        "crazyflie": ["cflib>=0.1.34,<0.2"],  # GPL: only cflib_bridge imports it
         "test": ["hypothesis", "pytest", "pytest-timeout", "pytest-xdist"],
     },
     zip_safe=False,  # the configuration is found beside the package, as files

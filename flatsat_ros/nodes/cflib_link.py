@@ -9,12 +9,13 @@ message once. So silence of the controller is silence on the radio, and the firm
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 import warnings
 from collections import Counter, deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
 
@@ -35,6 +36,7 @@ _EMERGENCY_PERIOD = 0.1  # s
 _EMERGENCY_LAST_WORDS = 0.5  # s that an emergency stop is repeated when the bridge ends
 _NOTIFICATIONS = 5  # of the end of the set-points, since one packet may be lost
 _CONSOLE_LINES = 5
+_FIRMWARE_PATIENCE = 2.0  # s without a set-point after which the firmware stops the motors
 _CFLIB_PREFIX = "Couldn't load link driver: "
 
 POSITION = ("stateEstimate.x", "stateEstimate.y", "stateEstimate.z")
@@ -88,10 +90,10 @@ class Link:
 
     Attributes:
         robot, address: who.
-        condition: one or two words about the connection.
+        condition: a few words about the connection, or why there is none.
         connected: whether the drone answers.
         values: by name, what the drone last told.
-        counts: packets sent by stream, connections, errors.
+        counts: packets sent by stream, connections.
         console: the last lines the drone printed.
     """
 
@@ -128,7 +130,9 @@ class Link:
         self._leaving = threading.Event()
         self._emergency = threading.Event()
         self._urgent: deque[Packet] = deque()
-        self._flown = False
+        self._thrust = 0.0  # of the newest set-point
+        self._last_sent = -math.inf  # when a set-point was sent last, monotonic s
+        self._farewell: Farewell | None = None
         self._farewell_began: float | None = None
         self._next_emergency = 0.0
         self._line = ""
@@ -152,7 +156,7 @@ class Link:
     def command(self, setpoint: WireSetpoint) -> None:
         """Send a set-point that `core.link.sendable` returned, unless a newer one comes before its turn."""
         if not (self._leaving.is_set() or self._emergency.is_set()):
-            self._flown = True
+            self._thrust = setpoint.thrust
             self._offer(Stream.SETPOINT, setpoint_packet(setpoint))
 
     def locate(self, position: tuple[float, ...], quaternion: tuple[float, ...] | None) -> None:
@@ -219,6 +223,9 @@ class Link:
         cf.console.receivedChar.add_callback(self._on_console)
         cf.link_statistics.link_quality_updated.add_callback(partial(self.values.__setitem__, "link quality %"))
         cf.link_statistics.latency_updated.add_callback(partial(self.values.__setitem__, "latency ms"))
+        # a request or a report from before may be about a drone that was rebooted since
+        self._urgent.clear()
+        self.values.clear()
         self._heard = opened = time.monotonic()
         cf.open_link(self.address.uri)
         if cf.link:
@@ -247,7 +254,7 @@ class Link:
         """Send what is due; False when all is said."""
         now = time.monotonic()
         if self._leaving.is_set() and self._farewell_began is None:
-            self._farewell_began = now
+            self._farewell_began, self._farewell = now, self._choose_farewell(now)
         elapsed = None if self._farewell_began is None else now - self._farewell_began
         if self.stopped:
             return self._repeat_emergency(cf, now, elapsed)
@@ -259,6 +266,8 @@ class Link:
             (_, stream), packet = taken
             packet(cf)
             self.counts[stream.value] += 1
+            if stream is Stream.SETPOINT:
+                self._last_sent = now
         return True
 
     def _repeat_emergency(self, cf: _Crazyflie, now: float, elapsed: float | None) -> bool:
@@ -268,13 +277,22 @@ class Link:
             cf.supervisor.send_emergency_stop()
         return elapsed is None or elapsed < _EMERGENCY_LAST_WORDS
 
+    def _choose_farewell(self, now: float) -> Farewell | None:
+        """Return how to leave the drone: alone if it was never flown; no descent if its motors rest already."""
+        if self._last_sent == -math.inf:
+            return None
+        rests = self._thrust == 0.0 or now - self._last_sent > _FIRMWARE_PATIENCE
+        return replace(self._settings.farewell, descent=0.0) if rests else self._settings.farewell
+
     def _say_farewell(self, cf: _Crazyflie, elapsed: float) -> bool:
-        """Offer the next set-point of the farewell; False when it is over. A drone never flown is left alone."""
-        setpoint = self._settings.farewell.setpoint(elapsed) if self._flown else None
+        """Offer the next set-point of the farewell; False when it is over."""
+        if self._farewell is None:
+            return False
+        setpoint = self._farewell.setpoint(elapsed)
         if setpoint is not None:
             self._offer(Stream.SETPOINT, setpoint_packet(setpoint))
             return True
-        for _ in range(_NOTIFICATIONS if self._flown else 0):
+        for _ in range(_NOTIFICATIONS):
             cf.commander.send_notify_setpoint_stop()
         return False
 

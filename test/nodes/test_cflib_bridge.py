@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import struct
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
@@ -142,7 +143,7 @@ def test_test_1_of_the_paper_is_flown_over_the_whole_chain(simulate: Simulate, l
     lab.wait_for_flight("cf1", poses, goal, NEAR)
     inputs = lab.require_within_limits(commands)
     assert inputs[0, 0] == 0.0, "the thrust lock opens on zero thrust"
-    assert column(telemetry[-1:], "V")[0] < 0.05
+    lab.wait(lambda: column(telemetry[-1:], "V")[0] < 0.05, "V to fall below V_inf")
     # nobody was cheated: the pose is the simulated drone's, and what it flew on came by radio
     assert drones.fleet.bodies.position[0] == pytest.approx(goal, abs=NEAR)
     sent = {(c.linear.y, -c.linear.x, int(c.linear.z)) for c in commands}
@@ -239,28 +240,40 @@ def test_console_battery_and_link_are_reported(simulate: Simulate, lab: Lab) -> 
 
 @pytest.mark.parametrize("end", ["stop", "land"])
 def test_a_flown_drone_is_left_as_configured_and_never_locked(simulate: Simulate, lab: Lab, end: str) -> None:
-    drones = simulate((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    drones = simulate((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 0.0, 0.0))
     process = bridge(lab, drones, on_shutdown=end, land_time=3.0)
+    lab.stream("cf2", ZERO)
+    lab.wait(lambda: setpoints(drones, 1), "a set-point without thrust for cf2")
     lift(lab, drones).cancel()
-    before = len(setpoints(drones))
+    flown = len(setpoints(drones))
     assert process.stop() == 0
-    sent = setpoints(drones)[before:]
+    assert "Traceback" not in process.output
+    packets, sent = drones.drones[0].of(3, 0)[flown:], setpoints(drones)[flown:]
     thrusts = [thrust for *_, thrust in sent if thrust != int(1.1 * HOVER)]
-    packets = drones.drones[0].of(3, 0)
-    zeros = [packet.time for packet, (*_, thrust) in zip(packets, setpoints(drones), strict=True) if thrust == 0]
-    zeros = [time for time in zeros if time > packets[before - 1].time]
     if end == "land":
         assert 0.9 * HOVER < thrusts[0] < HOVER
+        assert all(np.abs(angles).max() == 0.0 for *angles, thrust in sent if thrust == thrusts[0]), "level"
+    assert set(thrusts) == {thrusts[0], 0}
     assert thrusts == sorted(thrusts, reverse=True), "once zero, zero for good"
-    assert set(thrusts[1:]) <= {0, thrusts[0]}
+    zeros = [packet.time for packet, (*_, thrust) in zip(packets, sent, strict=True) if thrust == 0]
     assert zeros[-1] - zeros[0] > 0.9 * ZERO_TIME
-    last = drones.drones[0].received[-1]
-    assert last.port == (7, 1), "the last word is that no set-point follows"
+    assert drones.drones[0].received[-1].port == (7, 1), "the last word is that no set-point follows"
     lab.wait(lambda: state(drones) in (State.LANDED, State.RESET, State.READY_TO_FLY), "the drone to rest, unlocked")
-    assert "Traceback" not in process.output
-    # the other one was never flown and is nobody's business
-    assert not drones.drones[1].of(3, 0)
-    assert not drones.drones[1].of(7, 1)
+    # one that stood on the ground got no thrust, one that was never flown is nobody's business
+    assert {thrust for *_, thrust in setpoints(drones, 1)} == {0}
+    assert not drones.drones[2].of(3, 0)
+    assert not drones.drones[2].of(7, 1)
+
+
+def test_an_emergency_stop_works_while_the_bridge_lands_its_drones(simulate: Simulate, lab: Lab) -> None:
+    drones = simulate()
+    process = bridge(lab, drones, on_shutdown="land", land_time=60.0)
+    flight = lift(lab, drones)
+    process.send(signal.SIGTERM)
+    flight.cancel()
+    call(lab, Empty, "all/emergency")
+    lab.wait(lambda: state(drones) == State.LOCKED, "the drone to stop")
+    assert process.wait() == 0
 
 
 def test_an_emergency_stop_is_for_one_or_for_all_and_for_good(simulate: Simulate, lab: Lab) -> None:
