@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flatsat_ros.core.certificate import Certificate
@@ -45,6 +45,7 @@ def broken(change: Change) -> dict[str, Any]:
     return document
 
 
+@settings(max_examples=25)
 @given(
     thrust=st.floats(1.01, 3.0),
     tilt=st.floats(0.02, 1.5),
