@@ -87,7 +87,7 @@ def test_a_path_of_the_users_is_taken_as_it_is(tmp_path: Path, monkeypatch: pyte
 
 @pytest.mark.parametrize("name", ["paper_experimnt", "paper_experimnt.yaml", "./paper_experimnt", "", "vehicles"])
 def test_a_missing_configuration_is_refused_with_the_names_that_exist(name: str) -> None:
-    with pytest.raises(FlatsatError, match=r"there is no .*paper_experiment, paper_simulation"):
+    with pytest.raises(FlatsatError, match=r"there is no .*paper_experiment, .*paper_simulation"):
         config_path(name)
 
 

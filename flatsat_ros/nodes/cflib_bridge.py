@@ -21,12 +21,13 @@ from rclpy.node import Node
 from std_srvs.srv import Empty, SetBool
 
 from flatsat_ros._resources import config_path
+from flatsat_ros.core.crazyflies import Robot
 from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.link import Address, Farewell, Lane, sendable
 from flatsat_ros.core.supervisor import Policy
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.nodes import interfaces, messages, runtime
-from flatsat_ros.nodes.parameters import declare, robot_names
+from flatsat_ros.nodes.parameters import declare, declare_robots
 
 if TYPE_CHECKING:
     from flatsat_ros.nodes.cflib_link import Link
@@ -47,8 +48,9 @@ class CflibBridge(Node):  # type: ignore[misc]
         """Read the parameters, take the drones, connect."""
         super().__init__("cflib_bridge")
         cflib_link = _import_links()
-        self.robots = robot_names(declare(self, "robot_names", ["cf1"], "names of the drones, prefix of their topics"))
-        addresses = self._addresses()
+        robots = declare_robots(self)
+        self.robots = [robot.name for robot in robots]
+        addresses = self._addresses(robots)
         self._claims = [_claim(address) for address in addresses]
         vehicle = declare(self, "vehicle", "cf21", "vehicle profile: packaged name or path of a YAML file")
         self._vehicle = VehicleProfile.load(config_path(vehicle, "vehicles"))
@@ -76,9 +78,11 @@ class CflibBridge(Node):  # type: ignore[misc]
         self.links = self._links(addresses, 1 if external == "none" else 2, settings, cflib_link)
         for link in self.links:
             self._connect(link)
+        suffix = declare(self, "external_pose_topic", "mocap_pose", "name of the external pose, below the robot's")
         if external != "none":
-            self._locate(with_attitude=external == "pose")
-        self._serve(interfaces.ALL, self.links)
+            self._locate(suffix, with_attitude=external == "pose")
+        everybody = interfaces.drone_service_of(interfaces.ALL, interfaces.EMERGENCY)
+        self.create_service(Empty, everybody, lambda _, answer: self._on_emergency(self.links, answer))
         self._diagnostics = self.create_publisher(
             interfaces.DIAGNOSTICS_KIND, interfaces.DIAGNOSTICS, interfaces.DIAGNOSTICS_QOS
         )
@@ -95,8 +99,9 @@ class CflibBridge(Node):  # type: ignore[misc]
         while any(link.alive for link in self.links):
             self.executor.spin_once(timeout_sec=_PATIENCE)
 
-    def _addresses(self) -> list[Address]:
-        default = [f"udp://127.0.0.1:{19850 + index}" for index in range(len(self.robots))]
+    def _addresses(self, robots: Sequence[Robot]) -> list[Address]:
+        # where simulators of the firmware listen, unless the user's file says better
+        default = [robot.uri or f"udp://127.0.0.1:{19850 + index}" for index, robot in enumerate(robots)]
         uris = declare(self, "uris", default, "URI of every drone in turn: radio://0/80/2M/E7E7E7E701, udp://host:port")
         if len(uris) != len(self.robots):
             raise FlatsatError(f"parameter uris has {len(uris)} entries: must have {len(self.robots)}, one per robot")
@@ -178,23 +183,16 @@ class CflibBridge(Node):  # type: ignore[misc]
         self.create_subscription(
             command.kind, command.of(robot), lambda m: self._on_command(link, m), command.subscribe
         )
-        self._serve(robot, [link])
+        emergency, arm = (interfaces.drone_service_of(robot, name) for name in (interfaces.EMERGENCY, interfaces.ARM))
+        self.create_service(Empty, emergency, lambda _, answer: self._on_emergency([link], answer))
+        self.create_service(SetBool, arm, lambda request, answer: self._on_arm(link, request.data, answer))
 
-    def _serve(self, name: str, links: Sequence[Link]) -> None:
-        """Offer the services of one drone, or of all."""
-        emergency, arm = (
-            interfaces.drone_service_of(name, service) for service in (interfaces.EMERGENCY, interfaces.ARM)
-        )
-        self.create_service(Empty, emergency, lambda _, answer: self._on_emergency(links, answer))
-        self.create_service(SetBool, arm, lambda request, answer: self._on_arm(links, request.data, answer))
-
-    def _locate(self, with_attitude: bool) -> None:
+    def _locate(self, suffix: str, with_attitude: bool) -> None:
         """Send external poses on to the drones.
 
         Raises:
             FlatsatError: they would be our own.
         """
-        suffix = declare(self, "external_pose_topic", "mocap_pose", "name of the external pose, below the robot's")
         for link in self.links:
             own, topic = (self.resolve_topic_name(f"{link.robot}/{name}") for name in (interfaces.POSE.suffix, suffix))
             if self._publishes_pose and own == topic:
@@ -234,9 +232,9 @@ class CflibBridge(Node):  # type: ignore[misc]
         self.get_logger().error(f"emergency stop of {', '.join(link.robot for link in links)}")
         return answer
 
-    def _on_arm(self, links: Sequence[Link], wanted: bool, answer: SetBool.Response) -> SetBool.Response:
-        deaf = [link.robot for link in links if not link.arm(wanted)]
-        answer.success, answer.message = not deaf, f"not connected: {', '.join(deaf)}" if deaf else "sent"
+    def _on_arm(self, link: Link, wanted: bool, answer: SetBool.Response) -> SetBool.Response:
+        answer.success = link.arm(wanted)
+        answer.message = "sent" if answer.success else f"{link.robot}: not connected: {link.condition}"
         return answer
 
     def _on_diagnostics(self) -> None:

@@ -292,6 +292,11 @@ def test_an_emergency_stop_is_for_one_or_for_all_and_for_good(simulate: Simulate
     before = len(setpoints(drones))
     lab.listen(1.0)
     assert len(setpoints(drones)) == before
+    # nor does a reboot help while the bridge runs
+    drones.switch_off(0)
+    lab.listen(1.0)
+    drones.switch_on(0)
+    lab.wait(lambda: state(drones) == State.LOCKED, "cf1 to stop again")
     assert process.stop() == 0
 
 

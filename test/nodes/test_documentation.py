@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import rclpy
 
 from flatsat_ros.core.telemetry import FIELDS
 from flatsat_ros.nodes import interfaces
+from flatsat_ros.nodes.cflib_bridge import CflibBridge
 from flatsat_ros.nodes.controller import ControllerNode
 from flatsat_ros.nodes.sim_drone import SimDrone
 
@@ -50,11 +52,17 @@ def defaults(text: str) -> dict[str, str]:
 
 
 @pytest.mark.usefixtures("ros")
-@pytest.mark.parametrize(("make", "title"), [(ControllerNode, "`controller`"), (SimDrone, "`sim_drone`")])
+@pytest.mark.parametrize(
+    ("make", "title"),
+    [(ControllerNode, "`controller`"), (SimDrone, "`sim_drone`"), (CflibBridge, "`cflib_bridge`")],
+)
 def test_every_parameter_is_documented_with_its_default(
-    make: type[ControllerNode] | type[SimDrone], title: str, page: str
+    make: type[Any], title: str, page: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     node = make()
+    for link in getattr(node, "links", []):
+        link.leave()
     declared = {name: value.value for name, value in node._parameters.items() if not OWN.fullmatch(name)}
     node.destroy_node()
     text = section(page, f"## Parameters of {title}")
