@@ -30,7 +30,7 @@ ROOMS = {
     "__init__": Room(),
     "_resources": Room(rooms=frozenset({"core"})),
     "core": Room(libraries=frozenset({"numpy", "yaml"})),
-    "synthesis": Room(rooms=frozenset({"core"}), libraries=NO_ROS | {"clarabel", "cvxpy"}),
+    "synthesis": Room(rooms=frozenset({"core"}), libraries=NO_ROS | {"clarabel", "cvxpy", "tqdm"}),
     "sim": Room(rooms=frozenset({"core"}), libraries=NO_ROS),
     "nodes": Room(rooms=frozenset({"core", "sim", "_resources"}), libraries=None),
     "cli": Room(
@@ -182,7 +182,7 @@ def test_every_ros_package_the_nodes_need_is_declared(root: Path) -> None:
         for imported in imports_of(file, dotted)
         if not imported.lazy  # what is imported lazily may be absent
     }
-    assert needed - set(sys.stdlib_module_names) - NO_ROS - {PACKAGE, "rosbags", "cflib"} <= declared
+    assert needed - set(sys.stdlib_module_names) - NO_ROS - {PACKAGE, "rosbags", "cflib", "tqdm"} <= declared
 
 
 def test_cflib_which_is_gpl_is_loaded_by_one_executable_only() -> None:
