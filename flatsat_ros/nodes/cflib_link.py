@@ -77,6 +77,11 @@ class _Crazyflie(Crazyflie):  # type: ignore[misc]
     """
 
     error = ""
+    heard = -math.inf  # monotonic s
+
+    def hear(self, _packet: object) -> None:
+        """Remember when the drone was heard last."""
+        self.heard = time.monotonic()
 
     def note(self, text: str) -> None:
         """Take the first error for the reason."""
@@ -217,7 +222,7 @@ class Link:
     def _serve(self, cf: _Crazyflie) -> bool:
         """Open a connection and feed it until it is lost or all is said; return whether the drone answered."""
         ready = threading.Event()
-        cf.packet_received.add_callback(self._on_packet)
+        cf.packet_received.add_callback(cf.hear)
         cf.connection_failed.add_callback(lambda _, text: cf.note(text))
         cf.connected.add_callback(lambda _: ready.set())
         cf.console.receivedChar.add_callback(self._on_console)
@@ -234,7 +239,8 @@ class Link:
         while not cf.error:
             self._wake.wait(self._patience())
             self._wake.clear()
-            answered = self._heard > opened
+            answered = cf.heard > opened
+            self._heard = max(cf.heard, opened)
             if answered and not self.connected:
                 self.connected, self.condition = True, "connected"
                 self.counts["connections"] += 1
@@ -326,9 +332,6 @@ class Link:
 
     def _on_estimate(self, data: dict[str, float]) -> None:
         self._on_pose(tuple(data[name] for name in POSITION), tuple(data[name] for name in QUATERNION))
-
-    def _on_packet(self, _packet: object) -> None:
-        self._heard = time.monotonic()
 
     def _on_console(self, text: str) -> None:
         """Collect lines from the pieces that packets hold."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +55,13 @@ def defaults(text: str) -> dict[str, str]:
 @pytest.mark.usefixtures("ros")
 @pytest.mark.parametrize(
     ("make", "title"),
-    [(ControllerNode, "`controller`"), (SimDrone, "`sim_drone`"), (CflibBridge, "`cflib_bridge`")],
+    [
+        (ControllerNode, "`controller`"),
+        (SimDrone, "`sim_drone`"),
+        pytest.param(
+            CflibBridge, "`cflib_bridge`", marks=pytest.mark.skipif(not find_spec("cflib"), reason="an extra")
+        ),
+    ],
 )
 def test_every_parameter_is_documented_with_its_default(
     make: type[Any], title: str, page: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
