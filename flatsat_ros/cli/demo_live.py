@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, NoReturn
 from tqdm import tqdm
 
 from flatsat_ros._resources import config_path
-from flatsat_ros.cli.demo import BAR, CLIMB_TIME, GAMMA_0, MU, POSE_NOISE, V_INF, VEHICLE, Scenario, record_of
 from flatsat_ros.cli.demo_record import FlightRecord, RobotRecord
+from flatsat_ros.cli.demo_scenario import BAR, CLIMB_TIME, GAMMA_0, MU, POSE_NOISE, V_INF, VEHICLE, Scenario, record_of
 from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.vehicle import VehicleProfile
 

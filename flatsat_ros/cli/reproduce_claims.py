@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flatsat_ros.cli import demo
+from flatsat_ros.cli import demo_scenario
 from flatsat_ros.cli.demo_record import PAPER_RMS, RMS_LIMIT
 from flatsat_ros.cli.reproduce_numbers import INPUT
 from flatsat_ros.cli.reproduce_runs import (
@@ -179,7 +179,9 @@ def test_2(table: Table, runs: Runs) -> None:
     """Test 2 with simulated Crazyflies."""
     table.at("Table III, Test 2")
     robots = runs.flight.summary()["robots"]
-    table.number("gamma_0, mu, V_inf", "1.0, 2.0, 0.05", [demo.GAMMA_0, demo.MU, demo.V_INF], INPUT)
+    table.number(
+        "gamma_0, mu, V_inf", "1.0, 2.0, 0.05", [demo_scenario.GAMMA_0, demo_scenario.MU, demo_scenario.V_INF], INPUT
+    )
     begin = runs.flight.swap[0]
     places = np.array([robot.reference.sample(begin)[:2] for robot in runs.flight.robots.values()])
     table.number("way-points, x and y, 10 cm", "0, -6, 6, 6, -6, 6", (10.0 * places).ravel().tolist(), INPUT)
@@ -193,7 +195,7 @@ def test_2(table: Table, runs: Runs) -> None:
             f"RMS tracking error of {name}, m",
             f"{printed}",
             robot["rms_m"],
-            f"the time of the swap is not printed; ours takes {demo.LEG_TIME:g} s for a leg",
+            f"the time of the swap is not printed; ours takes {demo_scenario.LEG_TIME:g} s for a leg",
             undetermined=True,
         )
     largest = max(robot["rms_m"] for robot in robots.values())

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tqdm import tqdm
 
-from flatsat_ros.cli import demo
+from flatsat_ros.cli import demo_headless, demo_scenario
 from flatsat_ros.cli.demo_record import FlightRecord
 from flatsat_ros.cli.reproduce_studies import (
     History,
@@ -109,7 +109,7 @@ def run_all(folder: Path) -> Runs:
         steps = {count: measure_steps(law(experiment, count), _spread(test_1.error[:, 0], count)) for count in (1, 3)}
         done("")
     campaign = {gain: run_campaign(robust, gain, CAMPAIGN_RUNS) for gain in ROBUST_GAINS}
-    flight = demo.fly_headless(demo.plan(folder))
+    flight = demo_headless.fly(demo_scenario.plan(folder))
     return Runs(simulation, experiment, robust, study_1, study_2, campaign, cap, test_1, test_1_capped, flight, steps)
 
 

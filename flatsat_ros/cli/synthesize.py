@@ -84,9 +84,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     goals = parser.add_argument_group("goals")
     goals.add_argument("--rate", type=float, metavar="1/S", help=f"decay rate alpha (default: {_RATE}) or beta")
-    goals.add_argument(
-        "--cover", type=_numbers, metavar="DX,DY,DZ[,VX,VY,VZ]", help="cover these start errors, m, m/s"
-    )
+    goals.add_argument("--cover", type=_numbers, metavar="DX,DY,DZ[,VX,VY,VZ]", help="cover these start errors, m, m/s")
     goals.add_argument("--drift", type=_numbers, metavar="H[,V]", help="withstand this drift of the position, m/s")
     goals.add_argument("--push", type=_numbers, metavar="H[,V]", help="withstand this push, m/s^2")
     goals.add_argument(

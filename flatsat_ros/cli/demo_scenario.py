@@ -1,0 +1,140 @@
+"""What the demo flies: Test 2 of the paper, three drones that swap places, and its variations."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from flatsat_ros._resources import config_path
+from flatsat_ros.cli.demo_record import FlightRecord, RobotRecord
+from flatsat_ros.core.certificate import Certificate
+from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.flatness import FloatArray
+from flatsat_ros.core.reference import Trajectory
+
+# the paper's way-points, {[0,-6,1],[6,6,1],[-6,6,1]} x 10 cm in x and y, m
+_PAPER_WAYPOINTS = np.array([[0.0, -0.6, 1.0], [0.6, 0.6, 1.0], [-0.6, 0.6, 1.0]])
+_NEIGHBOUR_DISTANCE = 1.25  # m, between neighbours on the ring that replaces the triangle for more drones
+LEG_TIME = 4.0  # s from one way-point to the next; the paper prints none
+CLIMB_TIME = 6.0  # s from the floor to the start of the swap
+MU, V_INF, GAMMA_0 = 2.0, 0.05, 1.0  # Table III
+VEHICLE = "cf21"
+POSE_NOISE = 5e-4  # m, of the simulated motion capture
+DISTURBANCE_MAX = 0.8  # m/s^2, of an offset-free flight
+
+# time flown, time left
+BAR = "{desc} {bar} {n:.1f}/{total:.1f} {unit}"
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """What is flown.
+
+    Attributes:
+        robots: names.
+        start: (N, 3) places on the floor, m.
+        gathering: (N, 3) first way-points, m.
+        swaps: the reference of each robot, times from 0.
+        certificate: flown by all.
+        certificate_path: its file.
+        dynamics: ideal or identified.
+        disturbance_max: m/s^2, what the controller may compensate.
+    """
+
+    robots: list[str]
+    start: FloatArray
+    gathering: FloatArray
+    swaps: list[Trajectory]
+    certificate: Certificate
+    certificate_path: Path
+    dynamics: str
+    disturbance_max: float
+
+    @property
+    def duration(self) -> float:
+        """Length of the swap, s."""
+        return float(self.swaps[0].times[-1])
+
+
+def plan(
+    folder: Path,
+    count: int = 3,
+    seconds: float = 3 * LEG_TIME,
+    rate: float | None = None,
+    dynamics: str = "identified",
+    disturbance_max: float = 0.0,
+) -> Scenario:
+    """Return what is to be flown: by default Test 2 of the paper.
+
+    Args:
+        folder: where a certificate for another rate is written.
+        count: number of drones.
+        seconds: of swapping, rounded up to whole legs.
+        rate: of the controller, Hz; None for the rate of the paper's certificate.
+        dynamics: ideal or identified.
+        disturbance_max: m/s^2, what the controller may compensate.
+
+    Raises:
+        FlatsatError: the number of drones, the time or the rate cannot be flown.
+    """
+    if not 1 <= count <= 64:
+        raise FlatsatError(f"--robots {count}: must be from 1 to 64")
+    if not 0.0 < seconds <= 3600.0:
+        raise FlatsatError(f"--seconds {seconds}: must lie in (0, 3600]")
+    path = config_path("paper_experiment")
+    certificate = Certificate.load(path)
+    if rate is not None:
+        if not 1.0 <= rate <= 500.0:
+            raise FlatsatError(f"--rate {rate} Hz: must be from 1 to 500")
+        from flatsat_ros.synthesis.nominal import synthesize
+
+        certificate = synthesize(certificate.limits, certificate.rate, 1.0 / rate, f"demo_{rate:g}_hz")
+        path = folder / "certificate.yaml"
+        certificate.save(path)
+    from flatsat_ros.synthesis.planner import spline_through
+
+    ring = _ring(count)
+    legs = math.ceil(seconds / LEG_TIME - 1e-9)
+    swaps = []
+    for i in range(count):
+        swap = spline_through([ring[(i + leg) % len(ring)] for leg in range(legs + 1)], LEG_TIME)
+        swap.require_margin(certificate.limits)
+        swaps.append(swap)
+    gathering = ring[:count]
+    return Scenario(
+        robots=[f"cf{i + 1}" for i in range(count)],
+        start=gathering * (1.0, 1.0, 0.0),
+        gathering=gathering,
+        swaps=swaps,
+        certificate=certificate,
+        certificate_path=path,
+        dynamics=dynamics,
+        disturbance_max=disturbance_max,
+    )
+
+
+def _ring(count: int) -> FloatArray:
+    """Return the way-points: the paper's triangle for up to three drones, a ring with room for all otherwise."""
+    if count <= len(_PAPER_WAYPOINTS):
+        return _PAPER_WAYPOINTS
+    angle = 2.0 * np.pi * np.arange(count) / count
+    radius = _NEIGHBOUR_DISTANCE / (2.0 * math.sin(math.pi / count))
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.ones(count)], axis=1)
+
+
+def record_of(scenario: Scenario, robots: dict[str, RobotRecord], swap_start: float) -> FlightRecord:
+    """Return the record of a scenario flown."""
+    certificate = scenario.certificate
+    return FlightRecord(
+        robots,
+        certificate.limits,
+        certificate.level,
+        V_INF,
+        certificate.gain_max,
+        1.0 / certificate.period,
+        scenario.dynamics,
+        (swap_start, swap_start + scenario.duration),
+    )
