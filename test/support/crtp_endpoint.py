@@ -271,12 +271,6 @@ def _free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def airborne(endpoint: Endpoint, index: int, height: float = 0.05) -> bool:
-    """Whether a drone is above a height, m."""
-    with endpoint.lock:
-        return bool(endpoint.fleet.bodies.position[index, 2] > height)
-
-
 def heights(endpoint: Endpoint) -> np.ndarray:
     """Heights of all drones, m."""
     with endpoint.lock:
