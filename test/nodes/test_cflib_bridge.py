@@ -6,6 +6,7 @@ import json
 import signal
 import struct
 import subprocess
+import time
 from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations
 from pathlib import Path
@@ -245,18 +246,18 @@ def test_a_flown_drone_is_left_as_configured_and_never_locked(simulate: Simulate
     lab.stream("cf2", ZERO)
     lab.wait(lambda: setpoints(drones, 1), "a set-point without thrust for cf2")
     lift(lab, drones).cancel()
-    flown = len(setpoints(drones))
+    flown, told = len(setpoints(drones)), time.monotonic()
     assert process.stop() == 0
+    # the endpoint may read late on a busy machine, but the bridge cannot leave before its time
+    assert time.monotonic() - told > ZERO_TIME
     assert "Traceback" not in process.output
-    packets, sent = drones.drones[0].of(3, 0)[flown:], setpoints(drones)[flown:]
+    sent = setpoints(drones)[flown:]
     thrusts = [thrust for *_, thrust in sent if thrust != int(1.1 * HOVER)]
     if end == "land":
         assert 0.9 * HOVER < thrusts[0] < HOVER
         assert all(np.abs(angles).max() == 0.0 for *angles, thrust in sent if thrust == thrusts[0]), "level"
     assert set(thrusts) == {thrusts[0], 0}
     assert thrusts == sorted(thrusts, reverse=True), "once zero, zero for good"
-    zeros = [packet.time for packet, (*_, thrust) in zip(packets, sent, strict=True) if thrust == 0]
-    assert zeros[-1] - zeros[0] > 0.9 * ZERO_TIME
     assert drones.drones[0].received[-1].port == (7, 1), "the last word is that no set-point follows"
     lab.wait(lambda: state(drones) in (State.LANDED, State.RESET, State.READY_TO_FLY), "the drone to rest, unlocked")
     # one that stood on the ground got no thrust, one that was never flown is nobody's business
