@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from flatsat_ros.cli import demo_pictures
+from flatsat_ros.cli.reproduce_gain import draw_gain_laws
 from flatsat_ros.cli.reproduce_runs import ADAPTATION_RATES, GAMMA_0, TEST_1_TIMING, V_INF, Runs
 from flatsat_ros.cli.reproduce_studies import History
 from flatsat_ros.core.gain import continuous_gain_bound
@@ -37,6 +38,7 @@ def draw(runs: Runs, folder: Path) -> list[Path]:
         "test1_errors": _test_1_errors(runs, test_labels),
         "test1_gain": _test_1_gain(runs, test_labels),
         "test1_inputs": _inputs([runs.test_1], test_labels, runs.experiment.limits, "test 1: input u and v", held=True),
+        "gain_laws": draw_gain_laws(runs.gain_laws),
         "computation_time": _computation_time(runs),
     }
     written = []

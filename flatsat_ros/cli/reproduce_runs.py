@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from flatsat_ros.cli import demo_headless, demo_scenario
 from flatsat_ros.cli.demo_record import FlightRecord
+from flatsat_ros.cli.reproduce_gain import GainRuns, run_gain_laws
 from flatsat_ros.cli.reproduce_studies import (
     History,
     advance,
@@ -70,6 +71,7 @@ class Runs:
         test_1: sampled with lag and delay, mu = 1..5, the paper's law.
         test_1_capped: the same with the gain capped.
         flight: Test 2 with simulated Crazyflies.
+        gain_laws: repeated set-points and a lasting disturbance, by gain law.
         steps: processor time of `Controller.step` in s, by number of drones.
     """
 
@@ -83,12 +85,13 @@ class Runs:
     test_1: History
     test_1_capped: History
     flight: FlightRecord
+    gain_laws: GainRuns
     steps: dict[int, FloatArray]
 
 
 def run_all(folder: Path) -> Runs:
     """Compute everything, with progress on stderr; folder is for what the flight of Test 2 needs."""
-    stages = tqdm(total=5, desc="certificates", bar_format="{desc:<44} {bar} {n}/{total}")
+    stages = tqdm(total=6, desc="certificates", bar_format="{desc:<44} {bar} {n}/{total}")
     with stages:
 
         def done(following: str) -> None:
@@ -105,12 +108,16 @@ def run_all(folder: Path) -> Runs:
         done("test 1, adaptation rates")
         test_1 = run_test_1(experiment, _NO_CAP)
         test_1_capped = run_test_1(experiment, cap)
+        done("gain laws")
+        gain_laws = run_gain_laws(experiment)
         done("computation time")
         steps = {count: measure_steps(law(experiment, count), _spread(test_1.error[:, 0], count)) for count in (1, 3)}
         done("")
     campaign = {gain: run_campaign(robust, gain, CAMPAIGN_RUNS) for gain in ROBUST_GAINS}
     flight = demo_headless.fly(demo_scenario.plan(folder))
-    return Runs(simulation, experiment, robust, study_1, study_2, campaign, cap, test_1, test_1_capped, flight, steps)
+    return Runs(
+        simulation, experiment, robust, study_1, study_2, campaign, cap, test_1, test_1_capped, flight, gain_laws, steps
+    )
 
 
 def law(

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.cli import reproduce, reproduce_runs
+from flatsat_ros.cli.reproduce_gain import run_gain_laws
 from flatsat_ros.cli.reproduce_runs import (
     TEST_1_TIMING,
     V_INF,
@@ -149,3 +150,14 @@ def test_the_papers_failure_appears_behind_lag_and_delay_and_the_cap_removes_it(
     assert (np.ptp(law.gain[late], axis=0) > 0.05).tolist() == [False, False, False, True, True]
     assert (capped.lyapunov[late] < 1e-6).all()
     assert capped.gain.max() == cap
+
+
+def test_over_repeated_set_points_only_the_papers_gain_leads_to_a_limit_cycle() -> None:
+    runs = run_gain_laws(synthesize_paper("paper_experiment"))
+    last = runs.time > runs.time[-1] - 3.0  # five seconds after the last set-point
+    swing = np.degrees(runs.tilt[last]).max(axis=0)
+    assert swing[0] > 9.0, "the paper's law ends at full tilt"
+    assert (swing[1:] < 4.0).all(), "capped, leaky and restarting laws come to rest"
+    assert runs.gain[:, 1].max() == pytest.approx(runs.cap)
+    assert runs.disturbed_gain[-1, 0] == pytest.approx(synthesize_paper("paper_experiment").gain_max)
+    assert runs.disturbed_gain[-1, 1] == pytest.approx(runs.disturbed_gain[-600, 1], rel=1e-2)
