@@ -196,7 +196,9 @@ def circle_limit(timing: Timing, block: FloatArray, lowest: float = 1.0) -> floa
     feedback = timing.feedback(block)
 
     def most_negative(angles: FloatArray) -> tuple[float, int]:
-        resolvent = np.linalg.solve(np.exp(1j * angles)[:, np.newaxis, np.newaxis] * np.eye(timing.size) - step, G)
+        shifted = np.exp(1j * angles)[:, np.newaxis, np.newaxis] * np.eye(timing.size) - step
+        # numpy before 2.0 takes a right-hand side with one dimension less for a stack of vectors
+        resolvent = np.linalg.solve(shifted, G[np.newaxis])
         values = -(feedback @ resolvent).real[:, 0, 0]
         worst = int(values.argmax())
         return float(values[worst]), worst
