@@ -19,6 +19,8 @@ from flatsat_ros.nodes.parameters import declare, robot_names
 
 # how often it looks whether someone listens, s
 _PATIENCE = 0.05
+# from the first subscription to the first pose, s
+_SETTLING = 0.5
 # how long the last poses may take to be acknowledged, s
 _FAREWELL = 0.5
 
@@ -26,9 +28,10 @@ _FAREWELL = 0.5
 class MocapPlayer(Node):  # type: ignore[misc]
     """One recording for one robot.
 
-    It begins when the first subscription to the pose topic is there. A pose recorded at t is stamped with the time of
-    the beginning + (t - t0) / rate and sent then; one whose stamp is older than its predecessor's is sent right after
-    it. So bursts, gaps and disorder stay what they are. Poses that are due together are sent one after the other.
+    It begins half a second after the first subscription to the pose topic is there. A pose recorded at t is stamped
+    with the time of the beginning + (t - t0) / rate and sent then; one whose stamp is older than its predecessor's is
+    sent right after it. So bursts, gaps and disorder stay what they are. Poses that are due together are sent one after
+    the other.
 
     Attributes:
         done: whether everything was sent.
@@ -72,14 +75,16 @@ class MocapPlayer(Node):  # type: ignore[misc]
         if self._next == 0:
             if self._publisher.get_subscription_count() == 0:
                 return
-            self._start = now
+            if self._start == 0:
+                # the subscription may know of this publisher only a little later
+                self._start = now + round(_SETTLING * messages.NANOSECONDS)
         while self._next < len(self._due) and self._start + self._due[self._next] <= now:
             self._publish(self._next)
             self._next += 1
         if self._next < len(self._due):
             self._sleep(self._start + self._due[self._next] - now)
         elif self._loop:
-            self._next = 0
+            self._next = self._start = 0
             self._sleep(round(_PATIENCE * messages.NANOSECONDS))
         else:
             self.done = True
