@@ -53,7 +53,7 @@ class MocapPlayer(Node):  # type: ignore[misc]
         self._stamps = np.rint(self._recording.time * nanoseconds).astype(np.int64).tolist()
         self._due = np.rint(self._recording.due() * nanoseconds).astype(np.int64).tolist()
         self._next = 0
-        self._start = 0
+        self._start: int | None = None
         self.done = False
         self._pose = PoseStamped()
         self._pose.header.frame_id = "world"
@@ -72,27 +72,24 @@ class MocapPlayer(Node):  # type: ignore[misc]
 
     def _on_timer(self) -> None:
         now = self.get_clock().now().nanoseconds
-        if self._next == 0:
+        if self._start is None:
             if self._publisher.get_subscription_count() == 0:
                 return
-            if self._start == 0:
-                # the subscription may know of this publisher only a little later
-                self._start = now + round(_SETTLING * messages.NANOSECONDS)
+            self._start = now + round(_SETTLING * messages.NANOSECONDS)
         while self._next < len(self._due) and self._start + self._due[self._next] <= now:
-            self._publish(self._next)
+            self._publish(self._start, self._next)
             self._next += 1
         if self._next < len(self._due):
             self._sleep(self._start + self._due[self._next] - now)
         elif self._loop:
-            self._next = self._start = 0
+            self._next, self._start = 0, None
             self._sleep(round(_PATIENCE * messages.NANOSECONDS))
         else:
             self.done = True
             self._timer.cancel()
 
-    def _publish(self, index: int) -> None:
-        stamp = self._start + self._stamps[index]
-        recording = self._recording
+    def _publish(self, start: int, index: int) -> None:
+        recording, stamp = self._recording, start + self._stamps[index]
         messages.fill_pose(self._pose, stamp, recording.position[index], recording.quaternion[index])
         self._publisher.publish(self._pose)
 
