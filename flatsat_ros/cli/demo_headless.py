@@ -37,7 +37,7 @@ def fly(scenario: Scenario) -> FlightRecord:
     vehicle = VehicleProfile.load(config_path(VEHICLE, "vehicles"))
     certificate = scenario.certificate
     policy = Policy(disturbance_max=scenario.disturbance_max)
-    pilot = Pilot(certificate, Tuning(MU, V_INF, GAMMA_0, certificate.gain_max), policy, count)
+    pilot = Pilot(certificate, Tuning(MU, V_INF, GAMMA_0, certificate.gain_max, restart=np.zeros(1)), policy, count)
     fleet = SimulatedFleet(
         vehicle, count, dynamics=scenario.dynamics, start=scenario.start, capture=MotionCapture(noise=POSE_NOISE)
     )

@@ -30,6 +30,8 @@ _LISTENING = 1.0  # s, in which another demo would be noticed
 _LEAD = 0.5  # s, from sending the trajectories to their start
 _GOODBYE = 5.0  # s, that a node has to end by itself
 _SLICE = 0.02  # s
+_GATHERED = 0.15  # m, from its first way-point, that a drone may be when the swap begins
+_LATE = 20.0  # s, that a stalled machine may be late with the climb
 
 
 def fly(scenario: Scenario, folder: Path) -> FlightRecord:
@@ -76,6 +78,7 @@ def _commands(scenario: Scenario) -> dict[str, list[str]]:
                 "mu": repr(MU),
                 "v_inf": repr(V_INF),
                 "gamma_0": repr(GAMMA_0),
+                "restart_gain": "false",
                 "disturbance_max": repr(scenario.disturbance_max),
             },
         )
@@ -173,6 +176,12 @@ def _conduct(scenario: Scenario, conductor: Conductor, nodes: dict[str, subproce
         for i, position in enumerate(scenario.gathering.tolist()):
             conductor.send_goal(i, position)
         spin(CLIMB_TIME - _LEAD, bar)
+        end = time.monotonic() + _LATE
+        while late := conductor.away(scenario.gathering, _GATHERED):
+            conductor.spin(_SLICE)
+            _require_alive(nodes)
+            if time.monotonic() > end:
+                raise FlatsatError(f"not within {_GATHERED:g} m of its place in time: {', '.join(late)}")
         start = conductor.now() + round(_LEAD * 1e9)
         for i, swap in enumerate(scenario.swaps):
             conductor.send_trajectory(i, swap, start)

@@ -38,6 +38,7 @@ class Conductor(Node):  # type: ignore[misc]
         self._executor = executor
         self.recorded: list[Recorded] = []
         self._heard: set[str] = set()
+        self._newest: dict[str, bytes] = {}
         goal, trajectory = interfaces.GOAL, interfaces.TRAJECTORY
         self._goals = [self.create_publisher(goal.kind, goal.of(robot), goal.publish) for robot in robots]
         self._trajectories = [
@@ -55,6 +56,8 @@ class Conductor(Node):  # type: ignore[misc]
         def keep(data: bytes) -> None:
             self.recorded.append(Recorded(self.now(), full_name, full_kind, data))
             self._heard.add(name)
+            if topic is interfaces.POSE:
+                self._newest[robot] = data
 
         self.create_subscription(topic.kind, name, keep, topic.subscribe, raw=True)
 
@@ -86,6 +89,12 @@ class Conductor(Node):  # type: ignore[misc]
         ]
         unflown = [r for r in self._robots if self.count_subscribers(interfaces.COMMAND.of(r)) < 2]
         return silent + deaf + [interfaces.COMMAND.of(r) for r in unflown]
+
+    def away(self, places: FloatArray, distance: float) -> list[str]:
+        """Return the robots whose newest pose is farther than the distance, m, from their place (N, 3), m."""
+        positions = [messages.pose_from_cdr(self._newest[robot])[1] for robot in self._robots]
+        far = np.linalg.norm(np.array(positions) - places, axis=1) > distance
+        return [robot for robot, is_far in zip(self._robots, far, strict=True) if is_far]
 
     def send_goal(self, index: int, position: Sequence[float]) -> None:
         """Send a set-point, m, world frame, to one robot."""
