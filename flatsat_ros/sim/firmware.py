@@ -4,7 +4,7 @@ A restatement of bitcraze/crazyflie-firmware, release 2026.08; the file and func
 Time is given from outside in integer milliseconds, as the firmware's own ticks; nothing here knows a clock.
 
 Not modelled: deck faults, motor speed checks (bidirectional DSHOT only), the emergency stop watchdog, crash detection
-by acceleration (off by default), flightmode parameters other than stabModeYaw, flight by the high-level commander.
+by acceleration (off by default), flightmode parameters other than stabModeYaw, bits 8 to 11 of supervisor.info.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from flatsat_ros.core.errors import require
 from flatsat_ros.core.vehicle import PWM_FULL, VehicleProfile
+from flatsat_ros.sim.high_level import HighLevelCommander, PositionController
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -34,6 +35,8 @@ FREE_FALL = 0.1  # g; supervisor.c isTumbledCheck
 TILTED, TILTED_TIME = 0.5, 1000  # g, ms; platform_defaults.h SUPERVISOR_TUMBLE_CHECK_ACCEPTED_TILT_*
 UPSIDE_DOWN, UPSIDE_DOWN_TIME = -0.2, 100  # g, ms; platform_defaults.h SUPERVISOR_TUMBLE_CHECK_ACCEPTED_UPSIDEDOWN_*
 BATTERY_TIME = 5000  # ms; platform_defaults_cf2.h DEFAULT_BAT_LOW_DURATION_TO_TRIGGER_SEC
+# PWM; platform_defaults_cf2.h and, for the one platform that has to be armed, platform_defaults_cf21bl.h
+THRUST_BASE, THRUST_BASE_BRUSHLESS = 36000.0, 30000.0  # PID_VEL_THRUST_BASE
 NEVER = -(10**9)  # ms; an event that has not happened
 
 
@@ -126,6 +129,7 @@ class Firmware:
         thrust_locked: (N,) waiting for a packet with thrust 0.
         armed, emergency, crashed, tumbled: (N,) flags of the supervisor.
         battery_low, powered: (N,) of the power management.
+        high_level: the planners; their commands.
     """
 
     def __init__(self, profile: VehicleProfile, count: int, *, absolute_yaw: bool = False) -> None:
@@ -139,15 +143,22 @@ class Firmware:
         self._profile = profile
         self._auto_arming = not profile.motors.arming_required
         self._absolute_yaw = absolute_yaw
+        self.high_level = HighLevelCommander(count)
+        base = THRUST_BASE_BRUSHLESS if profile.motors.arming_required else THRUST_BASE
+        self._position_controller = PositionController(count, base)
         self.state = np.zeros(count, dtype=np.int64)
         self.thrust_locked, self.armed, self.emergency, self.crashed, self.tumbled, self.battery_low, self.powered = (
             np.zeros((7, count), dtype=bool)
         )
-        # the low-level set-point: roll, pitch (rad), yaw (rad, or rad/s counter-clockwise), thrust (PWM)
+        # roll, pitch (rad), yaw (rad, or rad/s counter-clockwise), thrust (PWM)
         self._setpoint = np.zeros((4, count))
+        self._yaw_is_angle = np.zeros(count, dtype=bool)
         self._yaw_goal = np.zeros(count)  # rad; controller_pid.c attitudeDesired.yaw
         self._lost = np.zeros((3, count), dtype=bool)  # axes whose PID integral is NaN
-        self._silenced = np.zeros(count, dtype=bool)  # the high-level commander owns the set-point
+        # commander.c: the priority is the high-level commander's, which then owns the set-point
+        self._relaxed = np.zeros(count, dtype=bool)
+        # who controls the position: 0 nobody, 1 the position controller, 2 its height only
+        self._mode = np.zeros(count, dtype=np.int64)
         # times, ms
         self._received, self._thrusting, self._tilted, self._ready, self._landed, self._not_low, self._not_critical = (
             np.zeros((7, count), dtype=np.int64)
@@ -162,8 +173,12 @@ class Firmware:
         self.powered[index] = True
         self.state[index] = State.NOT_INITIALIZED
         self.thrust_locked[index] = True  # crtp_commander_rpyt.c, initial value
-        self._silenced[index] = True  # planner.c plan_init: the planner starts out stopped
+        self._relaxed[index] = True  # commander.c commanderInit: no priority yet
+        self.high_level.stop(index)  # planner.c plan_init
+        self.high_level.blocked[index] = True
         self._setpoint[:, index] = 0.0
+        self._yaw_is_angle[index] = self._absolute_yaw
+        self._mode[index] = 0
         self._lost[:, index] = False
         for times in (self._received, self._thrusting, self._tilted, self._ready, self._landed):
             times[index] = NEVER
@@ -173,7 +188,7 @@ class Firmware:
         """Begin in the air: armed, unlocked and level since time 0 with this thrust, PWM, and (N,) yaw, rad."""
         self.armed[:] = True
         self.state[:] = State.FLYING
-        self.thrust_locked[:] = self._silenced[:] = False
+        self.thrust_locked[:] = self._relaxed[:] = False
         self._yaw_goal = yaw
         if self._absolute_yaw:
             self._setpoint[2] = yaw
@@ -182,6 +197,8 @@ class Firmware:
 
     def receive(self, index: int, roll: float, pitch: float, yaw: float, thrust: float, now: int) -> None:
         """Decode a set-point packet: crtp_commander_rpyt.c crtpCommanderRpytDecodeSetpoint.
+
+        It takes the priority from the high-level commander, whose planner stops: commander.c commanderSetSetpoint.
 
         Args:
             index: the receiver.
@@ -206,16 +223,48 @@ class Firmware:
         angles = np.deg2rad((roll, pitch, yaw if self._absolute_yaw else -yaw))
         self._setpoint[:3, index] = np.where(np.isfinite(angles), angles, np.nan)
         self._setpoint[3, index] = accepted
+        self._yaw_is_angle[index] = self._absolute_yaw
         self._received[index] = now
-        self._silenced[index] = False
+        self._relaxed[index] = False
+        self._mode[index] = 0
+        self.high_level.stop(index)
 
     def notify_setpoints_stop(self, index: int) -> None:
-        """Hand over to the high-level commander, which has nothing to do and sends null set-points.
+        """Give the priority back to the high-level commander: commander.c commanderRelaxPriority.
 
-        crtp_commander.c notifySetpointsStopDecoder, crtp_commander_high_level.c crtpCommanderHighLevelGetSetpoint.
+        Until its next turn the last set-point stays in force; then it is the planner's, or null if that is stopped.
         """
-        self._silenced[index] = True
-        self._setpoint[:, index] = 0.0
+        self._relaxed[index] = True
+
+    def plan(self, now: int, position: FloatArray, velocity: FloatArray, yaw: FloatArray) -> None:
+        """Run the high-level commander and the position controller once, every HIGH_LEVEL_PERIOD.
+
+        stabilizer.c stabilizerTask, controller_pid.c controllerPid. Without the priority the commander plans on and is
+        not heard (commander.c commanderSetSetpoint). Its roll and pitch are ignored while levelling out.
+
+        Args:
+            now: ms.
+            position: (N, 3) the on-board estimate, m, world.
+            velocity: (N, 3) of it, m/s, world.
+            yaw: (N,) of it, rad.
+        """
+        can_fly = CAN_FLY[self.state] & self.powered
+        self.high_level.update(now, ~can_fly, position, velocity, yaw)
+        heard = self._relaxed & can_fly
+        if not heard.any():
+            return
+        flown = heard & self.high_level.following
+        self._setpoint[:, heard & ~flown] = 0.0  # crtp_commander_high_level.c nullSetpoint
+        mode = np.where(flown, np.where(self.state == State.LEVEL_OUT, 2, 1), 0)
+        fresh = mode != self._mode
+        self._mode = mode
+        if not flown.any():
+            return
+        self._lost[:, fresh] = False  # controller_pid.c setpointModeChanged: all PIDs are reset
+        goal = self.high_level.goal
+        roll, pitch, thrust = self._position_controller.control(goal[:3], position.T, velocity.T, yaw, fresh)
+        self._setpoint = np.where(flown, (roll, pitch, goal[3], thrust), self._setpoint)
+        self._yaw_is_angle |= flown
 
     def request_arming(self, index: int, arm: bool) -> bool:
         """Arm or disarm; False if refused: supervisor.c supervisorRequestArming."""
@@ -245,7 +294,8 @@ class Firmware:
             voltage: (N,) battery, V.
         """
         self._manage_power(now, voltage)
-        self._received[self._silenced & CAN_FLY[self.state]] = now
+        # the high-level commander's set-points, null ones too, are always fresh (stabilizer.c stabilizerTask)
+        self._received[self._relaxed & CAN_FLY[self.state]] = now
         self._check_tumbled(now, specific_force)
         # isFlyingCheck: a motor above idle, or that not longer ago than the hysteresis
         self._thrusting[ratio * PWM_FULL > self._profile.motors.idle_pwm] = now
@@ -307,7 +357,7 @@ class Firmware:
         active = self.powered & CAN_FLY[self.state] & (self._setpoint[3] > 0.0)
         roll, pitch, turn, thrust = np.where(active, self._setpoint, 0.0)
         level = self.state == State.LEVEL_OUT
-        followed = turn if self._absolute_yaw else self._yaw_goal + turn * dt
+        followed = np.where(self._yaw_is_angle, turn, self._yaw_goal + turn * dt)
         self._yaw_goal = np.where(active, np.where(level, self._yaw_goal, followed), yaw)
         # the shorter way round
         goal = yaw + np.remainder(self._yaw_goal - yaw + np.pi, 2.0 * np.pi) - np.pi

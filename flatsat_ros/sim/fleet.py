@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -13,23 +15,26 @@ from flatsat_ros.core.flatness import FloatArray, finite_array
 from flatsat_ros.core.vehicle import PWM_FULL, VehicleProfile
 from flatsat_ros.sim.dynamics import GRAVITY, STEP, Bodies, Ideal, Identified, Response, Wind
 from flatsat_ros.sim.firmware import SUPERVISOR_PERIOD, Firmware
+from flatsat_ros.sim.high_level import HIGH_LEVEL_PERIOD
 from flatsat_ros.sim.power import Battery, IdealPowerTrain, PowerTrain
 from flatsat_ros.sim.sensor import MotionCapture, Recorder, Sample
 
 _MILLISECONDS = round(STEP * 1000)
 _SUPERVISOR_STEPS = SUPERVISOR_PERIOD // _MILLISECONDS
+_HIGH_LEVEL_STEPS = HIGH_LEVEL_PERIOD // _MILLISECONDS
 _ROUNDING = 1e-6  # steps: times closer than this to a step are on it
 
 
 class _Packet(NamedTuple):
-    """A set-point under way."""
+    """A command under way.
+
+    Attributes:
+        step: of its arrival.
+        take: what the drone does with it, given the time, ms.
+    """
 
     step: int
-    drone: int
-    roll: float
-    pitch: float
-    yaw: float
-    thrust: float
+    take: Callable[[int], object]
 
 
 class SimulatedFleet:
@@ -56,6 +61,7 @@ class SimulatedFleet:
         yaw: ArrayLike = 0.0,
         flying: bool = False,
         seed: int = 0,
+        stream: int = 0,
         floor: float = 0.0,
         wind: Wind | None = None,
         capture: MotionCapture | None = None,
@@ -74,6 +80,7 @@ class SimulatedFleet:
             yaw: (N,) or scalar, initial yaw, rad.
             flying: start in the air, hovering, thrust unlocked, instead of booting on the floor.
             seed: of gusts, noise and drop-out.
+            stream: number of this fleet among those that share a room: the same gusts, but noise of their own.
             floor: height of the floor, m.
             wind: still air by default. Without drag, so with ideal dynamics, wind does nothing.
             capture: motion capture without faults at 100 Hz by default.
@@ -110,9 +117,10 @@ class SimulatedFleet:
         self._delay = command_delay + (0.0 if ideal else profile.delay)
         self._wind = wind or Wind()
         self._gust = np.zeros(3)
-        gusts, capturing = np.random.SeedSequence(seed).spawn(2)
+        require(stream >= 0, "stream", stream, "0 or more")
+        gusts, *capturing = np.random.SeedSequence(seed).spawn(2 + stream)
         self._gusts = np.random.default_rng(gusts)
-        self._recorder = Recorder(capture or MotionCapture(), np.random.default_rng(capturing))
+        self._recorder = Recorder(capture or MotionCapture(), np.random.default_rng(capturing[stream]))
         self._packets: deque[_Packet] = deque()
         self._now = 0.0
         self._step = 0
@@ -138,8 +146,69 @@ class SimulatedFleet:
         """
         self._check(index)
         require(0.0 <= thrust_pwm <= PWM_FULL, "thrust_pwm", thrust_pwm, f"0 to {PWM_FULL}")
-        step = int(np.ceil((self._now + self._delay) / STEP - _ROUNDING))
-        self._packets.append(_Packet(step, index, roll, pitch, yaw_rate, thrust_pwm))
+        self._send(partial(self.firmware.receive, index, roll, pitch, yaw_rate, thrust_pwm))
+
+    def take_off(self, index: int, height: float, duration: float, yaw: float | None = None) -> None:
+        """Send the high-level command to rise straight to a height and hover there, at the time advanced to.
+
+        What the firmware refuses it refuses silently, as over the air: see firmware and high_level. No set-point must
+        have been sent since the last notify_setpoints_stop, or it is not heard. It needs no unlocked thrust and does
+        not unlock it, so after it a set-point with thrust cuts the motors unless one with thrust 0 came before.
+
+        Args:
+            index: the receiver.
+            height: m, world.
+            duration: s.
+            yaw: rad, world; None keeps the present one. crazyswarm2's cpp back-end sends what amounts to 0.
+
+        Raises:
+            FlatsatError: no such drone, a value that is not finite, or a negative duration.
+        """
+        self._send(partial(self.firmware.high_level.take_off, *self._rise(index, height, duration, yaw)))
+
+    def land(self, index: int, height: float, duration: float, yaw: float | None = None) -> None:
+        """Send the high-level command to sink straight to a height and stop the motors there; see take_off."""
+        self._send(partial(self.firmware.high_level.land, *self._rise(index, height, duration, yaw)))
+
+    def go_to(self, index: int, position: ArrayLike, yaw: float, duration: float, *, relative: bool = False) -> None:
+        """Send the high-level command to fly to a place and hover there, at the time advanced to; see take_off.
+
+        Args:
+            index: the receiver.
+            position: (3,) m, world.
+            yaw: rad, world.
+            duration: s.
+            relative: position and yaw are added to the drone's present goal or, if it has none, to its state.
+
+        Raises:
+            FlatsatError: no such drone, a value that is not finite, not three coordinates, or a negative duration.
+        """
+        self._check(index)
+        place = finite_array("position", position, 3)
+        require(place.shape == (3,), "position's shape", place.shape, "(3,)")
+        require(bool(np.isfinite(yaw)), "yaw", yaw, "a finite angle, rad")
+        _check_duration(duration)
+        self._send(partial(self.firmware.high_level.go_to, index, place.copy(), yaw, duration, relative))
+
+    def notify_setpoints_stop(self, index: int) -> None:
+        """Tell a drone that no more set-points will come, at the time advanced to: its high-level commander takes over.
+
+        In the air a high-level command, as go_to by 0, relative, must follow at once: without one the motors stop.
+
+        Raises:
+            FlatsatError: no such drone.
+        """
+        self._check(index)
+        self._send(lambda _now: self.firmware.notify_setpoints_stop(index))
+
+    def stop(self, index: int) -> None:
+        """Send the high-level command to stop the motors, at the time advanced to; streamed set-points go on.
+
+        Raises:
+            FlatsatError: no such drone.
+        """
+        self._check(index)
+        self._send(lambda _now: self.firmware.high_level.stop(index))
 
     def reboot(self, index: int) -> None:
         """Set a drone on its feet where it is, and switch it off and on."""
@@ -164,11 +233,12 @@ class SimulatedFleet:
         return self._recorder.release(time)
 
     def _advance(self) -> None:
-        """One STEP: packets, supervisor, controller, motors, body, motion capture."""
+        """One STEP: high-level commander, packets, supervisor, controller, motors, body, motion capture."""
         now = self._step * _MILLISECONDS
+        if self._step % _HIGH_LEVEL_STEPS == 0:
+            self.firmware.plan(now, self.bodies.position, self.bodies.velocity, self.bodies.attitude[2, :, 0])
         while self._packets and self._packets[0].step <= self._step:
-            packet = self._packets.popleft()
-            self.firmware.receive(*packet[1:], now=now)
+            self._packets.popleft().take(now)
         if self._step % _SUPERVISOR_STEPS == 0:
             self.firmware.supervise(now, self.bodies.specific_force, self.power.ratio, self.power.voltage)
         angles, pwm, running = self.firmware.control(STEP, self.bodies.attitude[2, :, 0])
@@ -183,9 +253,28 @@ class SimulatedFleet:
         if self._recorder.is_due(self.time):
             self._recorder.take(self.time, *self.poses())
 
+    def _send(self, take: Callable[[int], object]) -> None:
+        """Put a command on its way."""
+        self._packets.append(_Packet(int(np.ceil((self._now + self._delay) / STEP - _ROUNDING)), take))
+
+    def _rise(
+        self, index: int, height: float, duration: float, yaw: float | None
+    ) -> tuple[int, float, float, float | None]:
+        """Return the arguments of a take-off or a landing, checked."""
+        self._check(index)
+        require(bool(np.isfinite(height)), "height", height, "a finite height, m")
+        require(yaw is None or bool(np.isfinite(yaw)), "yaw", yaw, "a finite angle, rad, or None")
+        _check_duration(duration)
+        return index, height, duration, yaw
+
     def _check(self, index: int) -> None:
         """Refuse an index outside the fleet."""
         require(0 <= index < self.count, "index", index, f"0 to {self.count - 1}")
+
+
+def _check_duration(duration: float) -> None:
+    """Refuse a duration that no trajectory can have."""
+    require(0.0 <= duration < np.inf, "duration", duration, "0 s or more, finite")
 
 
 def _per_drone(name: str, value: ArrayLike, count: int) -> FloatArray:

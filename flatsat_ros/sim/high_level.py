@@ -1,0 +1,255 @@
+"""Flight without a set-point stream: the Crazyflie's high-level commander and position controller, for N drones.
+
+A restatement of bitcraze/crazyflie-firmware, release 2026.08; the file and function behind each rule stand beside it.
+Commands become polynomials in time, polynomials become goals of position and yaw every HIGH_LEVEL_PERIOD, and the
+position controller turns a goal into roll, pitch and thrust. The on-board estimate of position, velocity and yaw is
+the truth.
+
+Not modelled: uploaded trajectories, spirals, straight (linear) go-to, take-off and landing at a given velocity, group
+masks, the estimate's errors, and other controllers than the default one, PID.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.polynomial.polynomial import polyder, polyval
+from numpy.typing import ArrayLike, NDArray
+
+from flatsat_ros.sim.dynamics import GRAVITY
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+HIGH_LEVEL_PERIOD = 10  # ms; stabilizer_types.h RATE_HL_COMMANDER and POSITION_RATE, 100 Hz
+SHORTEST = 1e-3  # s: on board a duration of 0 is a jump to the goal at once, here one within a period
+
+# platform_defaults_cf2.h, platform_defaults_cf21bl.h; no derivative gains, so their filters do nothing
+POSITION_GAIN = 2.0  # 1/s; PID_POS_X_KP, PID_POS_Y_KP, PID_POS_Z_KP
+HEIGHT_INTEGRAL_GAIN = 0.5  # 1/s^2; PID_POS_Z_KI, the others are 0
+VELOCITY_MAX = 1.1  # m/s; PID_POS_VEL_*_MAX times position_controller_pid.c velMaxOverhead
+VELOCITY_GAIN = 25.0  # deg or 1000 PWM per m/s; PID_VEL_X_KP, PID_VEL_Y_KP, PID_VEL_Z_KP
+VELOCITY_INTEGRAL_GAIN = np.array([[1.0], [1.0], [15.0]])  # deg or 1000 PWM per m; PID_VEL_X_KI, .._Y_KI, .._Z_KI
+TILT_MAX = 20.0  # deg; PID_VEL_ROLL_MAX, PID_VEL_PITCH_MAX
+THRUST_SCALE = 1000.0  # PWM; position_controller_pid.c thrustScale
+CLIMB_MAX = 32.767  # 1000 PWM; position_controller_pid.c velocityController, UINT16_MAX / 2 / thrustScale
+THRUST_LEAST, THRUST_MOST = 20000.0, 65535.0  # PWM; PID_VEL_THRUST_MIN, UINT16_MAX
+
+# of a polynomial in s the coefficients of s^4..s^7 from its value and three derivatives at s = 1
+_HIGHER = np.linalg.inv(
+    [[1.0, 1.0, 1.0, 1.0], [4.0, 5.0, 6.0, 7.0], [12.0, 20.0, 30.0, 42.0], [24.0, 60.0, 120.0, 210.0]]
+)
+
+
+def polynomial(
+    start: FloatArray, rate: FloatArray, acceleration: FloatArray, end: FloatArray, duration: float
+) -> FloatArray:
+    """Return the coefficients of the 7th-order polynomial between a motion and rest: pptraj.c poly7_nojerk.
+
+    Args:
+        start: (...) value at the beginning.
+        rate: (...) first derivative there, 1/s.
+        acceleration: (...) second derivative there, 1/s^2; the third is 0.
+        end: (...) value at the end, where all three derivatives are 0.
+        duration: s, above 0.
+
+    Returns:
+        (8, ...) coefficients of ascending powers of time / duration.
+    """
+    first, second = rate * duration, 0.5 * acceleration * duration**2
+    zero = np.zeros_like(start)
+    missing = np.array([end - start - first - second, -first - 2.0 * second, -2.0 * second, zero])
+    return np.concatenate([[start, first, second, zero], np.tensordot(_HIGHER, missing, 1)])
+
+
+class HighLevelCommander:
+    """The planners of N drones.
+
+    Attributes:
+        following: (N,) on a trajectory or hovering at its end; else the planner wants the motors off.
+        blocked: (N,) the supervisor does not let the drone fly: commands are refused.
+        goal: (4, N) x, y, z, m, and yaw, rad, of those that are following, as of the last update.
+    """
+
+    def __init__(self, count: int) -> None:
+        """Boot, stopped: planner.c plan_init."""
+        self.following = np.zeros(count, dtype=bool)
+        self.blocked = np.ones(count, dtype=bool)
+        self.goal = np.zeros((4, count))
+        self._landing = np.zeros(count, dtype=bool)
+        self._coefficients = np.zeros((8, 4, count))
+        self._begin = np.zeros(count, dtype=np.int64)  # ms
+        self._duration = np.ones(count)  # s
+        self._position, self._velocity, self._yaw = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count)
+
+    def update(self, now: int, blocked: BoolArray, position: FloatArray, velocity: FloatArray, yaw: FloatArray) -> None:
+        """Move the goals on: crtp_commander_high_level.c crtpCommanderHighLevelGetSetpoint, crtpCommanderBlock.
+
+        Whoever is not following starts the next trajectory from the state told here. On board notify_setpoints_stop
+        tells it anew (commander.c commanderRelaxPriority); that is the same state, at most one period younger.
+
+        Args:
+            now: ms.
+            blocked: (N,) supervisor.c supervisorCanFly, negated: the planner stops.
+            position: (N, 3) m, world.
+            velocity: (N, 3) m/s, world.
+            yaw: (N,) rad.
+        """
+        self._position, self._velocity, self._yaw = position, velocity, yaw
+        self.blocked = blocked
+        if not self.following.any():
+            return
+        progress = np.minimum((now - self._begin) * 1e-3 / self._duration, 1.0)
+        # planner.c plan_current_goal: a landing ends with the motors off
+        self.following &= ~(blocked | (self._landing & (progress >= 1.0)))
+        self.goal = np.where(self.following, polyval(progress, self._coefficients, tensor=False), self.goal)
+
+    def take_off(self, index: int, height: float, duration: float, yaw: float | None, now: int) -> bool:
+        """Rise straight to a height and hover; False if refused, being blocked or not stopped: planner.c plan_takeoff.
+
+        Args:
+            index: the receiver.
+            height: m, world.
+            duration: s.
+            yaw: rad, world; None keeps the present one.
+            now: ms.
+        """
+        if self.blocked[index] or self.following[index]:
+            return False
+        self._rise(index, height, duration, yaw, now)
+        return True
+
+    def land(self, index: int, height: float, duration: float, yaw: float | None, now: int) -> bool:
+        """Sink straight to a height and stop the motors; False if blocked or landing: planner.c plan_land.
+
+        The arguments are those of take_off. From a stopped planner too: the motors start.
+        """
+        if self.blocked[index] or (self.following[index] and self._landing[index]):
+            return False
+        self._rise(index, height, duration, yaw, now)
+        self._landing[index] = True
+        return True
+
+    def go_to(self, index: int, position: ArrayLike, yaw: float, duration: float, relative: bool, now: int) -> bool:
+        """Fly to a place and hover there; False if blocked: planner.c plan_go_to, plan_go_to_from.
+
+        Args:
+            index: the receiver.
+            position: (3,) m, world.
+            yaw: rad, world; reached the shorter way round.
+            duration: s.
+            relative: position and yaw are added to the present goal or, if there is none, to the present state.
+            now: ms.
+        """
+        if self.blocked[index]:
+            return False
+        if self.following[index]:
+            start, rate, acceleration = self._planned(index, now)
+            # pptraj.c poly4d_eval: the yaw rate is seen from the tilted body
+            pushed = acceleration[:3] + (0.0, 0.0, GRAVITY)
+            rate[3] *= pushed[2] / np.linalg.norm(pushed)
+            acceleration[3] = 0.0
+        else:
+            start, acceleration = self._told(index), np.zeros(4)
+            rate = np.array([*self._velocity[index], 0.0])
+        end = np.array([*np.asarray(position, dtype=np.float64), yaw])
+        self._plan(index, start, rate, acceleration, start + end if relative else end, duration, now)
+        return True
+
+    def stop(self, index: int) -> None:
+        """Forget the trajectory and want the motors off: planner.c plan_stop."""
+        self.following[index] = False
+
+    def _rise(self, index: int, height: float, duration: float, yaw: float | None, now: int) -> None:
+        """Plan from rest, straight up or down: planner.c plan_takeoff_or_landing."""
+        start = self._told(index)
+        end = np.array([start[0], start[1], height, start[3] if yaw is None else yaw])
+        self._plan(index, start, np.zeros(4), np.zeros(4), end, duration, now)
+
+    def _told(self, index: int) -> FloatArray:
+        """Return the (4,) last goal or, without one, the last state."""
+        if self.following[index]:
+            return self.goal[:, index].copy()
+        return np.array([*self._position[index], self._yaw[index]])
+
+    def _planned(self, index: int, now: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the (4,) value, rate and acceleration of x, y, z, yaw on the trajectory."""
+        duration = self._duration[index]
+        progress = min((now - self._begin[index]) * 1e-3 / duration, 1.0)
+        coefficients = self._coefficients[:, :, index]
+        value, rate, acceleration = (polyval(progress, polyder(coefficients, k)) / duration**k for k in range(3))
+        return value, rate, acceleration
+
+    def _plan(
+        self,
+        index: int,
+        start: FloatArray,
+        rate: FloatArray,
+        acceleration: FloatArray,
+        end: FloatArray,
+        duration: float,
+        now: int,
+    ) -> None:
+        """Follow the polynomial from a motion to rest from now on."""
+        end[3] = start[3] + math.remainder(end[3] - start[3], 2.0 * math.pi)
+        duration = max(duration, SHORTEST)
+        self._coefficients[:, :, index] = polynomial(start, rate, acceleration, end, duration)
+        self._begin[index], self._duration[index] = now, duration
+        self.goal[:, index] = start
+        self.following[index], self._landing[index] = True, False
+
+
+class PositionController:
+    """A position loop around a velocity loop, both along the drone's heading: position_controller_pid.c.
+
+    Its goal is the position alone: the planned velocity is not fed forward, so a drone trails its goal by half a
+    second of flight (kff is 0; mode modeAbs).
+    """
+
+    def __init__(self, count: int, thrust_base: float) -> None:
+        """Boot.
+
+        Args:
+            count: N.
+            thrust_base: PWM at which the controller takes every drone to hover; what is wrong with it the integral
+                of the velocity error finds out in flight.
+        """
+        self._base = thrust_base
+        # height error, m s; velocity errors ahead, left and up, m. Their limit of 5000 is out of reach (pid.h)
+        self._integral = np.zeros((4, count))
+
+    def control(
+        self, goal: FloatArray, position: FloatArray, velocity: FloatArray, yaw: FloatArray, fresh: BoolArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Run once, every HIGH_LEVEL_PERIOD: positionController, velocityController, pid.c pidUpdate.
+
+        Args:
+            goal: (3, N) m, world.
+            position: (3, N) m, world.
+            velocity: (3, N) m/s, world.
+            yaw: (N,) rad.
+            fresh: (N,) begin with empty integrals (controller_pid.c setpointModeChanged).
+
+        Returns:
+            (N,) roll and pitch, rad, and (N,) thrust, PWM.
+        """
+        dt = HIGH_LEVEL_PERIOD * 1e-3
+        self._integral[:, fresh] = 0.0
+        error = _along_heading(goal - position, yaw)
+        self._integral[0] += error[2] * dt
+        wanted = POSITION_GAIN * error
+        wanted[2] += HEIGHT_INTEGRAL_GAIN * self._integral[0]
+        error = np.clip(wanted, -VELOCITY_MAX, VELOCITY_MAX) - _along_heading(velocity, yaw)
+        self._integral[1:] += error * dt
+        ahead, left, up = VELOCITY_GAIN * error + VELOCITY_INTEGRAL_GAIN * self._integral[1:]
+        roll, pitch = np.deg2rad(np.clip((-left, ahead), -TILT_MAX, TILT_MAX))
+        thrust = self._base + THRUST_SCALE * np.clip(up, -CLIMB_MAX, CLIMB_MAX)
+        return roll, pitch, np.clip(thrust, THRUST_LEAST, THRUST_MOST)
+
+
+def _along_heading(vector: FloatArray, yaw: FloatArray) -> FloatArray:
+    """Return a (3, N) world vector as ahead, left, up."""
+    x, y, up = vector
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return np.array([cos * x + sin * y, cos * y - sin * x, up])
