@@ -156,13 +156,15 @@ class Farewell:
     Attributes:
         descent: s; 0 stops the motors at once.
         thrust: of the level descent, PWM.
+        keeps_yaw: the yaw on the wire is an angle, which the descent keeps; a rate ends.
     """
 
     descent: float
     thrust: float
+    keeps_yaw: bool = False
 
-    def setpoint(self, elapsed: float) -> WireSetpoint | None:
-        """Return what is sent so many seconds after the end began, None when all is said."""
+    def setpoint(self, elapsed: float, yaw: float) -> WireSetpoint | None:
+        """Return what is sent so many seconds after the end began, the last yaw sent before, None when all is said."""
         if elapsed < self.descent:
-            return REST._replace(thrust=self.thrust)
+            return REST._replace(thrust=self.thrust, yaw=yaw if self.keeps_yaw else 0.0)
         return REST if elapsed < self.descent + ZERO_TIME else None

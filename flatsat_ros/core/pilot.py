@@ -45,6 +45,7 @@ class Tick:
         mode: (N,) values of `Mode`.
         input: (N, 3) commanded (T, phi, theta): m/s^2, rad, rad; zero thrust in UNLOCK and CUT, level in LEVEL.
         yaw_rate: (N,) commanded psi rate, rad/s, counter-clockwise.
+        yaw: (N,) commanded psi in [-pi, pi), rad, for drones that take an angle; it leads them by a limited angle.
         output: the law's output; it is the command in FLY only.
         reference: (N, 9) position, velocity, acceleration.
         disturbance: (N, 3) compensated disturbance, m/s^2, world frame.
@@ -55,6 +56,7 @@ class Tick:
     mode: FloatArray
     input: FloatArray
     yaw_rate: FloatArray
+    yaw: FloatArray
     output: Output
     reference: FloatArray
     disturbance: FloatArray
@@ -88,6 +90,7 @@ class Pilot:
         self._armed = np.ones(count, dtype=bool)
         self._state, self._usable = np.zeros((count, 6)), np.zeros(count, dtype=bool)  # of the last tick
         self._referred = np.zeros(count, dtype=bool)  # a reference was given since the last tick in flight
+        self._heading = np.zeros(count)  # last commanded psi, rad
         self._last_tick = -np.inf
         self._level = np.array([policy.level_thrust * certificate.limits.gravity, 0.0, 0.0])
         self._controller = Controller(certificate, _spread(tuning, count))
@@ -201,7 +204,9 @@ class Pilot:
         self._watch.follow(acceleration)
         self.estimator.command(now, acceleration)
         duration = perf_counter() - begin
-        return Tick(self.mode.copy(), command, yaw_rate, output, reference, disturbance, assessment, duration)
+        return Tick(
+            self.mode.copy(), command, yaw_rate, self._heading, output, reference, disturbance, assessment, duration
+        )
 
     def _steer(self, base: FloatArray) -> Output:
         """Step the law; a new reference that is far restarts the gain first, and only drones in FLY adapt theirs."""
@@ -217,12 +222,17 @@ class Pilot:
 
     def _command(self, output: Output) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return input, acceleration and yaw rate of each mode: the law's in FLY, level in LEVEL, else zero."""
-        error = np.mod(self._references.yaw - self.estimator.yaw + np.pi, 2.0 * np.pi) - np.pi
+        yaw = self.estimator.yaw
+        error = _wrapped(self._references.yaw - yaw)
         turn = np.clip(_YAW_GAIN * error, -_YAW_RATE_MAX, _YAW_RATE_MAX)
         flying = self.mode == Mode.FLY.value
+        heading = _wrapped(yaw + turn / _YAW_GAIN)
         if flying.all():
+            self._heading = heading
             return output.input, output.acceleration, turn
         level, flies = self.mode == Mode.LEVEL.value, flying[:, np.newaxis]
+        # level without poses, a drone keeps its heading; on the ground it has none to keep
+        self._heading = np.where(flying, heading, np.where(level, self._heading, yaw))
         command = np.where(flies, output.input, np.where(level[:, np.newaxis], self._level, 0.0))
         acceleration = np.where(flies, output.acceleration, 0.0)
         acceleration[level, 2] = self._level[0] - self.certificate.limits.gravity
@@ -267,6 +277,11 @@ class Pilot:
                 self._requested[i] = self._landing[i] = False
             elif after is Mode.FLY and before is not Mode.LEVEL:
                 self.memory.gain[i] = self._controller.tuning.gain_initial[i]
+
+
+def _wrapped(angle: FloatArray) -> FloatArray:
+    """Return the same angles in [-pi, pi)."""
+    return np.asarray(np.mod(angle + np.pi, 2.0 * np.pi) - np.pi)
 
 
 def _spread(tuning: Tuning, count: int) -> Tuning:

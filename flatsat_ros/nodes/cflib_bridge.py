@@ -20,14 +20,12 @@ from geometry_msgs.msg import PoseStamped, Twist
 from rclpy.node import Node
 from std_srvs.srv import Empty, SetBool
 
-from flatsat_ros._resources import config_path
 from flatsat_ros.core.crazyflies import Robot
 from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.link import Address, Farewell, Lane, sendable
 from flatsat_ros.core.supervisor import Policy
-from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.nodes import interfaces, messages, runtime
-from flatsat_ros.nodes.parameters import declare, declare_robots
+from flatsat_ros.nodes.parameters import declare, declare_choice, declare_robots, declare_vehicles, declare_yaw_mode
 
 if TYPE_CHECKING:
     from flatsat_ros.nodes.cflib_link import Link
@@ -52,8 +50,7 @@ class CflibBridge(Node):  # type: ignore[misc]
         self.robots = [robot.name for robot in robots]
         addresses = self._addresses(robots)
         self._claims = [_claim(address) for address in addresses]
-        vehicle = declare(self, "vehicle", "cf21", "vehicle profile: packaged name or path of a YAML file")
-        self._vehicle = VehicleProfile.load(config_path(vehicle, "vehicles"))
+        self._vehicles = dict(zip(self.robots, declare_vehicles(self, robots), strict=True))
         pose_rate = declare(
             self,
             "pose_rate",
@@ -62,7 +59,7 @@ class CflibBridge(Node):  # type: ignore[misc]
             unit="Hz",
             bounds=(0.0, 100.0),
         )
-        external = self._choice("external_pose", _EXTERNAL, "what of the external pose is sent to the drones")
+        external = declare_choice(self, "external_pose", _EXTERNAL, "what of the external pose is sent to the drones")
         self._publishes_pose = pose_rate > 0.0
         settings = cflib_link.Settings(
             pose_period=10 * max(round(100.0 / pose_rate), 1) if pose_rate else 0,
@@ -70,7 +67,6 @@ class CflibBridge(Node):  # type: ignore[misc]
                 self, "link_timeout", 2.0, "silence of a drone after which its connection is lost", unit="s",
                 bounds=(0.1, 60.0),
             ),
-            farewell=self._farewell(),
             cache=self._cache(),
         )  # fmt: skip
         self._refused: Counter[str] = Counter()
@@ -111,17 +107,16 @@ class CflibBridge(Node):  # type: ignore[misc]
                 raise FlatsatError(f"URI {address.uri!r} is given twice: each drone must have its own")
         return addresses
 
-    def _choice(self, name: str, valid: Sequence[str], meaning: str) -> str:
-        value = declare(self, name, valid[0], f"{meaning}: {', '.join(valid)}")
-        if value not in valid:
-            raise FlatsatError(f"parameter {name} = {value!r}: must be one of {', '.join(valid)}")
-        return str(value)
-
-    def _farewell(self) -> Farewell:
-        end = self._choice("on_shutdown", _ENDS, "how drones that were flown are left")
-        descent = declare(self, "land_time", 3.0, "level descent before the motors stop", unit="s", bounds=(0.1, 60.0))
-        thrust = float(self._vehicle.pwm_from_thrust(Policy.level_thrust * _GRAVITY))
-        return Farewell(descent if end == "land" else 0.0, thrust)
+    def _farewells(self) -> dict[str, Farewell]:
+        """Return how each drone is left."""
+        end = declare_choice(self, "on_shutdown", _ENDS, "how drones that were flown are left")
+        time = declare(self, "land_time", 3.0, "level descent before the motors stop", unit="s", bounds=(0.1, 60.0))
+        descent, is_angle = time if end == "land" else 0.0, declare_yaw_mode(self) == "angle"
+        sinking = Policy.level_thrust * _GRAVITY
+        return {
+            robot: Farewell(descent, float(vehicle.pwm_from_thrust(sinking)), is_angle)
+            for robot, vehicle in self._vehicles.items()
+        }
 
     def _cache(self) -> str | None:
         folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "flatsat_ros", "cflib")
@@ -141,12 +136,14 @@ class CflibBridge(Node):  # type: ignore[misc]
             lanes = {name: Lane[Any, Any](streams * users[name], period=1.0 / rate, gap=spacing) for name in users}
         except FlatsatError as error:
             raise FlatsatError(f"parameters rate = {rate} Hz, spacing = {spacing} s: {error}") from error
+        farewells = self._farewells()
         return [
             cflib_link.Link(
                 robot,
                 address,
                 lanes[address.lane],
                 settings,
+                farewells[robot],
                 self._pose_publisher(robot),
                 self._battery_publisher(robot),
                 self._line_logger(robot),
@@ -210,7 +207,7 @@ class CflibBridge(Node):  # type: ignore[misc]
 
     def _on_command(self, link: Link, message: Twist) -> None:
         try:
-            link.command(sendable(messages.command_from_message(message), self._vehicle.pwm_max))
+            link.command(sendable(messages.command_from_message(message), self._vehicles[link.robot].pwm_max))
         except FlatsatError as error:
             self._refuse(link, error)
 
@@ -266,7 +263,7 @@ class CflibBridge(Node):  # type: ignore[misc]
         for flag, text in ((_LOCKED, "locked until reboot"), (_CRASHED, "crashed"), (_TUMBLED, "tumbled")):
             if flags & flag:
                 return DiagnosticStatus.ERROR, text
-        if link.values.get("pm.vbat", math.inf) < self._vehicle.battery.low_voltage:
+        if link.values.get("pm.vbat", math.inf) < self._vehicles[link.robot].battery.low_voltage:
             return DiagnosticStatus.WARN, "battery low"
         return DiagnosticStatus.OK, link.condition
 

@@ -23,7 +23,7 @@ import cflib.crtp
 from cflib.crazyflie import Crazyflie
 from cflib.crazyflie.log import LogConfig
 
-from flatsat_ros.core.link import Address, Farewell, Lane
+from flatsat_ros.core.link import REST, Address, Farewell, Lane
 from flatsat_ros.core.wire import WireSetpoint
 
 # what sends one packet
@@ -59,13 +59,11 @@ class Settings:
     Attributes:
         pose_period: ms, a multiple of 10, of the on-board estimate; 0 does not ask for it.
         timeout: s without any packet after which a connection counts as lost.
-        farewell: how a drone that was flown is left.
         cache: folder for the tables of contents that drones send, without which connecting takes seconds; None: none.
     """
 
     pose_period: int
     timeout: float
-    farewell: Farewell
     cache: str | None
 
 
@@ -108,6 +106,7 @@ class Link:
         address: Address,
         lane: Lane[tuple[str, Stream], Packet],
         settings: Settings,
+        farewell: Farewell,
         on_pose: Callable[[tuple[float, ...], tuple[float, ...]], None],
         on_battery: Callable[[float], None],
         on_line: Callable[[str], None],
@@ -119,6 +118,7 @@ class Link:
             address: where it is.
             lane: shared by the links of one dongle.
             settings: common to all.
+            farewell: how the drone is left if it was flown.
             on_pose: called with position, m, and quaternion, x, y, z, w, in a thread of cflib's.
             on_battery: called with the voltage, V, likewise.
             on_line: called with each line of the console, likewise.
@@ -135,8 +135,9 @@ class Link:
         self._leaving = threading.Event()
         self._emergency = threading.Event()
         self._urgent: deque[Packet] = deque()
-        self._thrust = 0.0  # of the newest set-point
+        self._newest = REST
         self._last_sent = -math.inf  # when a set-point was sent last, monotonic s
+        self._planned_farewell = farewell
         self._farewell: Farewell | None = None
         self._farewell_began: float | None = None
         self._next_emergency = 0.0
@@ -161,7 +162,7 @@ class Link:
     def command(self, setpoint: WireSetpoint) -> None:
         """Send a set-point that `core.link.sendable` returned, unless a newer one comes before its turn."""
         if not (self._leaving.is_set() or self._emergency.is_set()):
-            self._thrust = setpoint.thrust
+            self._newest = setpoint
             self._offer(Stream.SETPOINT, setpoint_packet(setpoint))
 
     def locate(self, position: tuple[float, ...], quaternion: tuple[float, ...] | None) -> None:
@@ -287,14 +288,14 @@ class Link:
         """Return how to leave the drone: alone if it was never flown; no descent if its motors rest already."""
         if self._last_sent == -math.inf:
             return None
-        rests = self._thrust == 0.0 or now - self._last_sent > _FIRMWARE_PATIENCE
-        return replace(self._settings.farewell, descent=0.0) if rests else self._settings.farewell
+        rests = self._newest.thrust == 0.0 or now - self._last_sent > _FIRMWARE_PATIENCE
+        return replace(self._planned_farewell, descent=0.0) if rests else self._planned_farewell
 
     def _say_farewell(self, cf: _Crazyflie, elapsed: float) -> bool:
         """Offer the next set-point of the farewell; False when it is over."""
         if self._farewell is None:
             return False
-        setpoint = self._farewell.setpoint(elapsed)
+        setpoint = self._farewell.setpoint(elapsed, self._newest.yaw)
         if setpoint is not None:
             self._offer(Stream.SETPOINT, setpoint_packet(setpoint))
             return True
@@ -343,8 +344,8 @@ class Link:
 
 def setpoint_packet(setpoint: WireSetpoint) -> Packet:
     """Return what sends a set-point. cflib turns the sign of the pitch around, as crazyswarm2's cpp back end does."""
-    roll, pitch, yaw_rate, thrust = setpoint
-    return lambda cf: cf.commander.send_setpoint(roll, pitch, yaw_rate, int(thrust))
+    roll, pitch, yaw, thrust = setpoint
+    return lambda cf: cf.commander.send_setpoint(roll, pitch, yaw, int(thrust))
 
 
 def initialise() -> None:

@@ -30,10 +30,17 @@ from flatsat_ros.core.pilot import Pilot, Tick
 from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.sets import Place
 from flatsat_ros.core.supervisor import Mode, Policy
-from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.core.wire import PITCH_SIGN, setpoint_from_input
 from flatsat_ros.nodes import interfaces, messages, runtime
-from flatsat_ros.nodes.parameters import declare, declare_override, declare_robots, require_float_or_unset
+from flatsat_ros.nodes.parameters import (
+    declare,
+    declare_choice,
+    declare_override,
+    declare_robots,
+    declare_vehicles,
+    declare_yaw_mode,
+    require_float_or_unset,
+)
 
 _DIAGNOSTICS_PERIOD = 1.0  # s
 
@@ -67,24 +74,24 @@ class ControllerNode(Node):  # type: ignore[misc]
     def __init__(self) -> None:
         """Read the parameters, load the certificate and the vehicle, start the tick."""
         super().__init__(interfaces.CONTROLLER_NODE)
-        self.robots = [robot.name for robot in declare_robots(self)]
-        kind = "packaged name or path of a YAML file"
-        certificate = declare(self, "certificate", "paper_experiment", f"certificate: {kind}")
-        self._certificate = Certificate.load(config_path(certificate))
-        vehicle = declare(self, "vehicle", "cf21", f"vehicle profile: {kind}")
-        self._vehicle = VehicleProfile.load(config_path(vehicle, "vehicles"))
-        self._backend = declare(
-            self, "backend", "cpp", "crazyswarm2 back end, gives the sign of the pitch: cpp or cflib"
+        robots = declare_robots(self)
+        self.robots = [robot.name for robot in robots]
+        certificate = declare(
+            self, "certificate", "paper_experiment", "certificate: packaged name or path of a YAML file"
         )
-        if self._backend not in PITCH_SIGN:
-            raise FlatsatError(f"parameter backend = {self._backend!r}: must be one of {', '.join(PITCH_SIGN)}")
-        if self._certificate.limits.thrust_max > self._vehicle.thrust_max:
-            allowed = self._certificate.limits.thrust_max
-            raise FlatsatError(
-                f"certificate {self._certificate.name!r} allows a thrust of {allowed:.4f} m/s^2, but "
-                f"vehicle {self._vehicle.name!r} lifts {self._vehicle.thrust_max:.4f} m/s^2: "
-                "synthesize one with thrust_max at most that"
-            )
+        self._certificate = Certificate.load(config_path(certificate))
+        self._vehicles = declare_vehicles(self, robots)
+        self._backend = declare_choice(
+            self, "backend", list(PITCH_SIGN), "crazyswarm2 back end, gives the sign of the pitch"
+        )
+        self._yaw_mode = declare_yaw_mode(self)
+        for robot, vehicle in zip(self.robots, self._vehicles, strict=True):
+            if self._certificate.limits.thrust_max > vehicle.thrust_max:
+                raise FlatsatError(
+                    f"certificate {self._certificate.name!r} allows a thrust of "
+                    f"{self._certificate.limits.thrust_max:.4f} m/s^2, but {robot}, vehicle {vehicle.name!r}, "
+                    f"lifts {vehicle.thrust_max:.4f} m/s^2: synthesize one with thrust_max at most that"
+                )
         policy = Policy(**{
             name: declare(self, name, default, meaning, unit=unit, bounds=bounds)
             for name, meaning, unit, default, bounds in _POLICY
@@ -127,7 +134,8 @@ class ControllerNode(Node):  # type: ignore[misc]
         """Send the last safe commands: level and sinking in the air, zero thrust otherwise; nothing to idle drones."""
         for index, row in enumerate(self._pilot.last_input()):
             if self._commanded[index]:
-                self._publish_command(index, row, 0.0)
+                heading = 0.0 if self._last is None else float(self._last.yaw[index])
+                self._publish_command(index, row, 0.0, heading)
         for index, publisher in enumerate(self._command_publishers):
             if self._commanded[index]:
                 publisher.wait_for_all_acked(Duration(seconds=_FAREWELL))
@@ -214,13 +222,14 @@ class ControllerNode(Node):  # type: ignore[misc]
         rows = telemetry.rows(tick)
         for index in range(len(self.robots)):
             if tick.mode[index] != Mode.IDLE.value:
-                self._publish_command(index, tick.input[index], float(tick.yaw_rate[index]))
+                self._publish_command(index, tick.input[index], float(tick.yaw_rate[index]), float(tick.yaw[index]))
             messages.fill_telemetry(self._telemetry, rows[index])
             self._telemetry_publishers[index].publish(self._telemetry)
 
-    def _publish_command(self, index: int, command: FloatArray, yaw_rate: float) -> None:
+    def _publish_command(self, index: int, command: FloatArray, yaw_rate: float, yaw: float) -> None:
         thrust, roll, pitch = command.tolist()
-        setpoint = setpoint_from_input(thrust, roll, pitch, yaw_rate, self._vehicle, self._backend)
+        turn = yaw_rate if self._yaw_mode == "rate" else yaw
+        setpoint = setpoint_from_input(thrust, roll, pitch, turn, self._vehicles[index], self._backend, self._yaw_mode)
         messages.fill_command(self._command, setpoint)
         self._command_publishers[index].publish(self._command)
         self._commanded[index] = True

@@ -68,7 +68,7 @@ def fill_pose(message: PoseStamped, nanoseconds: int, position: Sequence[float],
 def fill_command(message: Twist, setpoint: WireSetpoint) -> None:
     """Write a set-point into a cmd_vel_legacy message."""
     message.linear.x, message.linear.y, message.linear.z = setpoint.pitch, setpoint.roll, setpoint.thrust
-    message.angular.z = setpoint.yaw_rate
+    message.angular.z = setpoint.yaw
 
 
 def command_from_message(message: Twist) -> WireSetpoint:

@@ -9,8 +9,11 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException, ParameterException
 from rclpy.node import Node
 
+from flatsat_ros._resources import config_path
 from flatsat_ros.core.crazyflies import Robot, read_crazyflies
 from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.vehicle import VehicleProfile
+from flatsat_ros.core.wire import YAW_SIGN
 
 
 def declare(
@@ -58,6 +61,23 @@ def declare(
         raise FlatsatError(f"parameter {name}: {error}") from error
 
 
+def declare_choice(node: Node, name: str, valid: Sequence[str], meaning: str) -> str:
+    """Declare a parameter that is one of a few words, the first by default, and return its value.
+
+    Raises:
+        FlatsatError: it is another one.
+    """
+    value = declare(node, name, valid[0], f"{meaning}: {', '.join(valid)}")
+    if value not in valid:
+        raise FlatsatError(f"parameter {name} = {value!r}: must be one of {', '.join(valid)}")
+    return str(value)
+
+
+def declare_yaw_mode(node: Node) -> str:
+    """Declare what the yaw on the wire means, a key of `core.wire.YAW_SIGN`."""
+    return declare_choice(node, "yaw_mode", list(YAW_SIGN), "the yaw on the wire, flightmode.stabModeYaw 0 or 1")
+
+
 def declare_override(node: Node, name: str, meaning: str, unit: str = "") -> float | None:
     """Declare a per-robot floating-point parameter that is unset at first: the common one applies until it is set.
 
@@ -94,6 +114,25 @@ def declare_robots(node: Node) -> list[Robot]:
     )
     robot_names([robot.name for robot in robots])
     return robots
+
+
+def declare_vehicles(node: Node, robots: Sequence[Robot]) -> list[VehicleProfile]:
+    """Declare what each robot is, and return their profiles: its own over that of its type over the common one.
+
+    Raises:
+        FlatsatError: a profile is not found or not valid.
+    """
+    kind = "packaged name or path of a YAML file"
+    common = declare(node, "vehicle", "cf21", f"vehicle profile: {kind}")
+    types = {
+        name: declare(node, f"robot_types.{name}.vehicle", "", f"vehicle profile of type {name}; empty: the common one")
+        for name in sorted({robot.kind for robot in robots if robot.kind})
+    }
+    profiles = []
+    for robot in robots:
+        own = declare(node, f"robots.{robot.name}.vehicle", "", "vehicle profile; empty: that of its type")
+        profiles.append(VehicleProfile.load(config_path(own or types.get(robot.kind) or common, "vehicles")))
+    return profiles
 
 
 def robot_names(names: Sequence[str]) -> list[str]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -16,14 +17,12 @@ from geometry_msgs.msg import PoseStamped, Twist
 from rclpy.node import Node
 from std_srvs.srv import Empty, SetBool, Trigger
 
-from flatsat_ros._resources import config_path
 from flatsat_ros.core.crazyflies import Robot
 from flatsat_ros.core.errors import FlatsatError
-from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.nodes import interfaces, messages, runtime
-from flatsat_ros.nodes.parameters import declare, declare_robots
+from flatsat_ros.nodes.parameters import declare, declare_robots, declare_vehicles, declare_yaw_mode
 from flatsat_ros.sim.dynamics import Wind
-from flatsat_ros.sim.firmware import State
+from flatsat_ros.sim.firmware import Firmware, State
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.power import Battery
 from flatsat_ros.sim.sensor import MotionCapture
@@ -35,15 +34,26 @@ _CATCH_UP = 0.25
 _DIAGNOSTICS_PERIOD = 1.0  # s
 
 
+class _Drone(NamedTuple):
+    """Where a robot is simulated: its fleet, and its index therein."""
+
+    fleet: SimulatedFleet
+    index: int
+
+
 class SimDrone(Node):  # type: ignore[misc]
-    """ROS shell of `SimulatedFleet`."""
+    """ROS shell of one `SimulatedFleet` for each vehicle profile."""
 
     def __init__(self) -> None:
         """Read the parameters, switch the drones on, start the clock of the room."""
         super().__init__("sim_drone")
         robots = declare_robots(self)
         self.robots = [robot.name for robot in robots]
-        self._fleet = self._build_fleet(robots)
+        self._fleets = self._build_fleets(robots)
+        drones = {
+            robot: _Drone(fleet, number) for fleet, members in self._fleets for number, robot in enumerate(members)
+        }
+        self._drones = [drones[robot] for robot in range(len(self.robots))]
         self._refused = [0] * len(self.robots)
         self._pose = PoseStamped()
         self._pose.header.frame_id = "world"
@@ -62,38 +72,42 @@ class SimDrone(Node):  # type: ignore[misc]
         self.create_timer(_DIAGNOSTICS_PERIOD, self._on_diagnostics)
         self.get_logger().info(f"simulating {', '.join(self.robots)}")
 
-    def _build_fleet(self, robots: Sequence[Robot]) -> SimulatedFleet:
-        """Read everything that makes the room and its drones.
+    def _build_fleets(self, robots: Sequence[Robot]) -> list[tuple[SimulatedFleet, list[int]]]:
+        """Read everything that makes the room and its drones; return a fleet and its robots for each vehicle profile.
 
         Raises:
             FlatsatError: a value is not valid.
         """
-        vehicle = declare(self, "vehicle", "cf21", "vehicle profile: packaged name or path of a YAML file")
+        vehicles = declare_vehicles(self, robots)
         count, places = len(robots), [entry for robot in robots for entry in robot.position]
         start = declare(self, "start_positions", places, "initial x, y, z of every drone in turn", unit="m")
         if len(start) != 3 * count:
             raise FlatsatError(
                 f"parameter start_positions has {len(start)} entries: must have {3 * count}, x, y, z of {count} drones"
             )
-        return SimulatedFleet(
-            VehicleProfile.load(config_path(vehicle, "vehicles")),
-            count,
-            start=np.reshape(start, (count, 3)),
-            dynamics=declare(
+        common: dict[str, Any] = {
+            "dynamics": declare(
                 self, "dynamics", "identified", "ideal: double integrator; identified: with attitude, lag, drag"
             ),
-            yaw=declare(self, "start_yaw", 0.0, "initial yaw of every drone", unit="rad", bounds=(-np.pi, np.pi)),
-            seed=declare(self, "seed", 0, "seed of noise, drop-out and gusts", bounds=(0, 2**31 - 1)),
-            thrust_scale=declare(
+            "yaw": declare(self, "start_yaw", 0.0, "initial yaw of every drone", unit="rad", bounds=(-np.pi, np.pi)),
+            "absolute_yaw": declare_yaw_mode(self) == "angle",
+            "seed": declare(self, "seed", 0, "seed of noise, drop-out and gusts", bounds=(0, 2**31 - 1)),
+            "thrust_scale": declare(
                 self, "thrust_scale", 1.0, "force over what the vehicle profile promises", bounds=(0.1, 10.0)
             ),
-            command_delay=declare(
+            "command_delay": declare(
                 self, "command_delay", 0.0, "from a command's arrival here to the drone", unit="s", bounds=(0.0, 10.0)
             ),
-            wind=self._wind(),
-            capture=self._capture(),
-            battery=self._battery(),
-        )
+            "wind": self._wind(),
+            "capture": self._capture(),
+            "battery": self._battery(),
+        }
+        fleets = []
+        for stream, kind in enumerate(dict.fromkeys(vehicles)):
+            members = [index for index, vehicle in enumerate(vehicles) if vehicle == kind]
+            places = np.reshape(start, (count, 3))[members]
+            fleets.append((SimulatedFleet(kind, len(members), start=places, stream=stream, **common), members))
+        return fleets
 
     def _wind(self) -> Wind:
         mean = declare(self, "wind", [0.0, 0.0, 0.0], "mean air velocity in the world frame, x, y, z", unit="m/s")
@@ -145,18 +159,21 @@ class SimDrone(Node):  # type: ignore[misc]
 
     def _stop(self, indices: Iterable[int], answer: Empty.Response) -> Empty.Response:
         for index in indices:
-            self._fleet.firmware.request_emergency(index)
+            drone = self._drones[index]
+            drone.fleet.firmware.request_emergency(drone.index)
         return answer
 
     def _arm(self, index: int, armed: bool, answer: SetBool.Response) -> SetBool.Response:
-        answer.success = self._fleet.firmware.request_arming(index, armed)
+        fleet, number = self._drones[index]
+        answer.success = fleet.firmware.request_arming(number, armed)
         if not answer.success:
-            state = State(self._fleet.firmware.state[index]).name
+            state = State(fleet.firmware.state[number]).name
             answer.message = f"{self.robots[index]}: arming refused in state {state}: must be PREFLIGHT_PASSED"
         return answer
 
     def _reboot(self, index: int, answer: Trigger.Response) -> Trigger.Response:
-        self._fleet.reboot(index)
+        fleet, number = self._drones[index]
+        fleet.reboot(number)
         answer.success = True
         return answer
 
@@ -164,7 +181,8 @@ class SimDrone(Node):  # type: ignore[misc]
         """Hand a set-point over as it is: NaN angles as well, which the firmware does not check either."""
         self._advance()
         try:
-            self._fleet.command(index, *messages.command_from_message(message))
+            fleet, number = self._drones[index]
+            fleet.command(number, *messages.command_from_message(message))
         except FlatsatError as error:
             self._refused[index] += 1
             self.get_logger().error(f"{self.robots[index]}: command ignored: {error}", throttle_duration_sec=1.0)
@@ -175,50 +193,51 @@ class SimDrone(Node):  # type: ignore[misc]
         elapsed, self._seen = now - self._seen, now
         self._epoch += elapsed - min(max(elapsed, 0), round(_CATCH_UP * messages.NANOSECONDS))
         time = (now - self._epoch) / messages.NANOSECONDS
-        self._fleet.advance_to(time)
-        for sample in self._fleet.measurements(time):
-            stamp = self._epoch + round(sample.stamp * messages.NANOSECONDS)
-            messages.fill_pose(self._pose, stamp, sample.position, sample.quaternion)
-            self._pose_publishers[sample.drone].publish(self._pose)
+        for fleet, members in self._fleets:
+            fleet.advance_to(time)
+            for sample in fleet.measurements(time):
+                stamp = self._epoch + round(sample.stamp * messages.NANOSECONDS)
+                messages.fill_pose(self._pose, stamp, sample.position, sample.quaternion)
+                self._pose_publishers[members[sample.drone]].publish(self._pose)
 
     def _on_diagnostics(self) -> None:
-        firmware, bodies, power = self._fleet.firmware, self._fleet.bodies, self._fleet.power
         message = interfaces.DIAGNOSTICS_KIND()
         now = self.get_clock().now().nanoseconds
         message.header.stamp = messages.stamp_from_nanoseconds(now)
         paused = (self._epoch - self._started) / messages.NANOSECONDS
         for index, robot in enumerate(self.robots):
-            level, text = self._condition(index)
+            fleet, number = self._drones[index]
+            level, text = _condition(fleet.firmware, number)
             values = {
-                "state": State(firmware.state[index]).name,
-                "thrust locked": bool(firmware.thrust_locked[index]),
-                "tumbled": bool(firmware.tumbled[index]),
-                "battery V": f"{power.voltage[index]:.2f}",
-                "on the floor": bool(bodies.grounded[index]),
+                "state": State(fleet.firmware.state[number]).name,
+                "thrust locked": bool(fleet.firmware.thrust_locked[number]),
+                "tumbled": bool(fleet.firmware.tumbled[number]),
+                "battery V": f"{fleet.power.voltage[number]:.2f}",
+                "on the floor": bool(fleet.bodies.grounded[number]),
                 "commands ignored": self._refused[index],
                 "paused s": f"{paused:.2f}",
             }
             message.status.append(messages.diagnostic_status(f"{self.get_name()}: {robot}", robot, level, text, values))
-            self._battery_publishers[index].publish(messages.battery_message(now, float(power.voltage[index])))
+            self._battery_publishers[index].publish(messages.battery_message(now, float(fleet.power.voltage[number])))
         self._diagnostics.publish(message)
 
-    def _condition(self, index: int) -> tuple[bytes, str]:
-        """Return the level and one word about a drone's firmware."""
-        firmware = self._fleet.firmware
-        state = State(firmware.state[index])
-        if not firmware.powered[index]:
-            return DiagnosticStatus.ERROR, "battery empty"
-        if firmware.tumbled[index] or state is State.CRASHED:
-            return DiagnosticStatus.ERROR, "tumbled"
-        if state in (State.FREE_FALL, State.LOCKED):
-            return DiagnosticStatus.ERROR, "motors off until reboot"
-        if state is State.LEVEL_OUT:
-            return DiagnosticStatus.WARN, "level-out"
-        if firmware.thrust_locked[index]:
-            return DiagnosticStatus.WARN, "thrust locked"
-        if firmware.battery_low[index]:
-            return DiagnosticStatus.WARN, "battery low"
-        return DiagnosticStatus.OK, state.name.lower().replace("_", " ")
+
+def _condition(firmware: Firmware, index: int) -> tuple[bytes, str]:
+    """Return the level and one word about a drone's firmware."""
+    state = State(firmware.state[index])
+    if not firmware.powered[index]:
+        return DiagnosticStatus.ERROR, "battery empty"
+    if firmware.tumbled[index] or state is State.CRASHED:
+        return DiagnosticStatus.ERROR, "tumbled"
+    if state in (State.FREE_FALL, State.LOCKED):
+        return DiagnosticStatus.ERROR, "motors off until reboot"
+    if state is State.LEVEL_OUT:
+        return DiagnosticStatus.WARN, "level-out"
+    if firmware.thrust_locked[index]:
+        return DiagnosticStatus.WARN, "thrust locked"
+    if firmware.battery_low[index]:
+        return DiagnosticStatus.WARN, "battery low"
+    return DiagnosticStatus.OK, state.name.lower().replace("_", " ")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

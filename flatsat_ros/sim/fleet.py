@@ -46,6 +46,7 @@ class SimulatedFleet:
 
     Attributes:
         count: N.
+        absolute_yaw: what the yaw of a set-point means.
         firmware: supervisor states, flags, `info()`; arming, emergency and recovery requests.
         bodies: the true state.
         power: battery voltages.
@@ -107,6 +108,7 @@ class SimulatedFleet:
         response: Response = Ideal() if ideal else Identified(profile.dynamics)
         train = IdealPowerTrain if ideal else PowerTrain
         self.count = count
+        self.absolute_yaw = absolute_yaw
         heading = _per_drone("yaw", yaw, count)
         self.bodies = Bodies(response, position, heading, thrust=GRAVITY if flying else 0.0, floor=floor)
         self.firmware = Firmware(profile, count, absolute_yaw=absolute_yaw)

@@ -29,6 +29,7 @@ def fly(
         start: s, simulated time of the first tick.
     """
     period = pilot.certificate.period
+    yaw_mode = "angle" if fleet.absolute_yaw else "rate"
     for number in range(int((until - start) / period + 1e-9) + 1):
         now = start + number * period
         fleet.advance_to(now)
@@ -37,9 +38,10 @@ def fly(
             pilot.measure(sample.drone, sample.stamp, sample.position.tolist(), sample.quaternion.tolist(), now)
         tick = pilot.tick(now)
         sent = {}
+        yaw = tick.yaw if fleet.absolute_yaw else tick.yaw_rate
         for index, mode in enumerate(tick.mode):
             if mode != Mode.IDLE:
                 thrust, roll, pitch = tick.input[index].tolist()
-                sent[index] = setpoint_from_input(thrust, roll, pitch, float(tick.yaw_rate[index]), vehicle)
+                sent[index] = setpoint_from_input(thrust, roll, pitch, float(yaw[index]), vehicle, yaw_mode=yaw_mode)
                 fleet.command(index, *sent[index])
         observe(now, samples, tick, sent)

@@ -156,12 +156,18 @@ def test_a_lane_that_cannot_keep_its_promise_is_refused(period: float, gap: floa
 def test_stopping_is_zero_thrust_for_more_than_two_seconds() -> None:
     stop = Farewell(descent=0.0, thrust=0.0)
     assert ZERO_TIME > 2.0
-    assert [stop.setpoint(t) for t in (0.0, 2.0, ZERO_TIME - 0.01)] == [REST] * 3
-    assert stop.setpoint(ZERO_TIME) is None
+    assert [stop.setpoint(t, 20.0) for t in (0.0, 2.0, ZERO_TIME - 0.01)] == [REST] * 3
+    assert stop.setpoint(ZERO_TIME, 20.0) is None
 
 
 def test_landing_is_a_level_descent_and_then_zero_thrust() -> None:
     land = Farewell(descent=3.0, thrust=36000.0)
-    assert [land.setpoint(t) for t in (0.0, 2.99)] == [REST._replace(thrust=36000.0)] * 2
-    assert [land.setpoint(t) for t in (3.0, 3.0 + ZERO_TIME - 0.01)] == [REST] * 2
-    assert land.setpoint(3.0 + ZERO_TIME) is None
+    assert [land.setpoint(t, 20.0) for t in (0.0, 2.99)] == [REST._replace(thrust=36000.0)] * 2
+    assert [land.setpoint(t, 20.0) for t in (3.0, 3.0 + ZERO_TIME - 0.01)] == [REST] * 2
+    assert land.setpoint(3.0 + ZERO_TIME, 20.0) is None
+
+
+def test_a_descent_keeps_a_yaw_that_is_an_angle() -> None:
+    land = Farewell(3.0, 36000.0, keeps_yaw=True)
+    assert land.setpoint(2.99, 20.0) == REST._replace(thrust=36000.0, yaw=20.0)
+    assert land.setpoint(3.0, 20.0) == REST

@@ -126,6 +126,34 @@ def test_a_drone_in_the_air_is_taken_over_without_a_motor_cut() -> None:
     assert modes(world.fly(0.5)) == [Mode.FLY]
 
 
+@given(goal=st.floats(-math.pi, math.pi), start=st.floats(-math.pi, math.pi))
+@settings(max_examples=20)
+def test_a_yaw_angle_goes_the_shorter_way_and_leads_the_drone_by_a_limited_angle(goal: float, start: float) -> None:
+    world = airborne()
+    world.yaw[:] = start
+    world.fly(0.3)
+    world.pilot.refer(0, Trajectory.hold([0.0, 0.0, 1.0], goal))
+    for _ in range(40):
+        (tick,) = world.fly(0.1)
+        assert -math.pi <= tick.yaw[0] < math.pi
+        # the drone has turned on since the tick, by 0.1 rad at most
+        lead = math.remainder(float(tick.yaw[0] - world.yaw[0]), 2.0 * math.pi)
+        assert abs(lead) <= 2.0 / 3.0 + 0.1
+        assert lead * float(tick.yaw_rate[0]) >= -1e-12
+    assert math.cos(float(tick.yaw[0]) - goal) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_level_without_poses_a_drone_keeps_its_heading() -> None:
+    world = airborne()
+    world.pilot.refer(0, Trajectory.hold([0.0, 0.0, 1.0], 1.0))
+    heading = world.fly(4.0)[-1].yaw[0]
+    assert heading == pytest.approx(1.0)
+    world.blind[:] = True
+    ticks = world.fly(2.0)
+    assert ticks[-1].mode[0] == Mode.LEVEL
+    assert {float(tick.yaw[0]) for tick in ticks[-10:]} == {float(ticks[0].yaw[0])}
+
+
 def test_lost_poses_level_then_cut_and_only_a_new_reference_flies_again() -> None:
     world = airborne()
     world.pilot.refer(0, Trajectory.hold([0.0, 0.0, 1.0], yaw=2.0))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.vehicle import VehicleProfile
-from flatsat_ros.core.wire import input_from_setpoint, setpoint_from_input
+from flatsat_ros.core.wire import WireSetpoint, input_from_setpoint, setpoint_from_input
 
 CF21 = VehicleProfile.load(Path(__file__).parents[2] / "config" / "vehicles" / "cf21.yaml")
 
@@ -22,7 +22,7 @@ def test_hover_with_every_sign() -> None:
     setpoint = setpoint_from_input(9.81, math.radians(5.0), math.radians(-3.0), math.radians(20.0), CF21)
     assert setpoint.roll == pytest.approx(5.0)
     assert setpoint.pitch == pytest.approx(-3.0)
-    assert setpoint.yaw_rate == pytest.approx(-20.0)
+    assert setpoint.yaw == pytest.approx(-20.0)
     assert setpoint.thrust == pytest.approx(0.029 * 9.81 / 0.480 * 65535)
     assert setpoint.thrust == pytest.approx(38841.8, abs=0.1)
 
@@ -32,6 +32,22 @@ def test_the_cflib_back_end_turns_the_pitch_around_and_nothing_else() -> None:
     cflib = setpoint_from_input(12.0, 0.1, 0.2, 0.3, CF21, "cflib")
     assert cflib == cpp._replace(pitch=-cpp.pitch)
     assert cflib.pitch == pytest.approx(-math.degrees(0.2))
+
+
+def test_a_yaw_angle_keeps_its_sign_and_nothing_else_changes() -> None:
+    rate = setpoint_from_input(12.0, 0.1, 0.2, 0.3, CF21)
+    angle = setpoint_from_input(12.0, 0.1, 0.2, 0.3, CF21, yaw_mode="angle")
+    assert angle == rate._replace(yaw=-rate.yaw)
+    assert angle.yaw == pytest.approx(math.degrees(0.3))
+
+
+@pytest.mark.parametrize(("backend", "yaw_mode"), [("cflip", "rate"), ("cpp", "absolute")])
+def test_an_unknown_convention_is_refused_by_name(backend: str, yaw_mode: str) -> None:
+    complaint = f"{backend}.*{yaw_mode}.*must be cpp or cflib, and rate or angle"
+    with pytest.raises(FlatsatError, match=complaint):
+        setpoint_from_input(9.81, 0.0, 0.0, 0.0, CF21, backend, yaw_mode)
+    with pytest.raises(FlatsatError, match=complaint):
+        input_from_setpoint(WireSetpoint(0.0, 0.0, 0.0, 0.0), CF21, backend, yaw_mode)
 
 
 @pytest.mark.parametrize(("thrust", "pwm"), [(0.0, 0.0), (-5.0, 0.0), (1e6, 60000.0), (15.2, 60000.0)])
@@ -52,10 +68,11 @@ def test_what_is_not_finite_never_reaches_the_radio(position: int, bad: float) -
     thrust=st.floats(0.0, CF21.thrust_max),
     roll=angles,
     pitch=angles,
-    rate=angles,
+    yaw=angles,
     back_end=st.sampled_from(["cpp", "cflib"]),
+    yaw_mode=st.sampled_from(["rate", "angle"]),
 )
-def test_there_and_back(thrust: float, roll: float, pitch: float, rate: float, back_end: str) -> None:
-    setpoint = setpoint_from_input(thrust, roll, pitch, rate, CF21, back_end)
-    again = input_from_setpoint(setpoint, CF21, back_end)
-    assert again == pytest.approx((thrust, roll, pitch, rate), rel=1e-12, abs=1e-12)
+def test_there_and_back(thrust: float, roll: float, pitch: float, yaw: float, back_end: str, yaw_mode: str) -> None:
+    setpoint = setpoint_from_input(thrust, roll, pitch, yaw, CF21, back_end, yaw_mode)
+    again = input_from_setpoint(setpoint, CF21, back_end, yaw_mode)
+    assert again == pytest.approx((thrust, roll, pitch, yaw), rel=1e-12, abs=1e-12)

@@ -106,7 +106,7 @@ def call(lab: Lab, kind: type[Any], name: str, **fields: object) -> Any:
 def test_the_bytes_on_the_wire_are_those_of_crazyswarm2s_cpp_back_end(simulate: Simulate, lab: Lab) -> None:
     drones = simulate()
     bridge(lab, drones)
-    sent = lab.stream("cf1", WireSetpoint(roll=5.0, pitch=3.0, yaw_rate=20.0, thrust=40000.7))
+    sent = lab.stream("cf1", WireSetpoint(roll=5.0, pitch=3.0, yaw=20.0, thrust=40000.7))
     lab.wait(lambda: drones.drones[0].of(3, 0), "a set-point")
     sent.cancel()
     packet = drones.drones[0].of(3, 0)[-1]

@@ -156,3 +156,13 @@ def test_a_drone_handed_over_is_not_commanded_any_more() -> None:
     flight.let_pass(2.0)
     assert flight.modes[-1] is Mode.IDLE
     assert len(flight.thrusts) == sent
+
+
+@pytest.mark.parametrize("absolute", [False, True])
+def test_the_drone_turns_to_the_yaw_of_its_goal_by_rate_and_by_angle(absolute: bool) -> None:
+    pilot = Pilot(CERTIFICATE, Tuning(2.0, 0.05, 1.0, CERTIFICATE.gain_max), Policy(), 1)
+    fleet = SimulatedFleet(VEHICLE, 1, start=[[0.0, 0.0, 0.0]], yaw=-0.5, absolute_yaw=absolute)
+    pilot.refer(0, Trajectory.hold([0.0, 0.0, 0.6], 2.4))
+    fly(pilot, fleet, VEHICLE, 12.0, lambda *_: None)
+    assert fleet.bodies.angles[0, 2] == pytest.approx(2.4, abs=0.02)
+    assert np.linalg.norm(fleet.bodies.position[0] - [0.0, 0.0, 0.6]) < 0.15

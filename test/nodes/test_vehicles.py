@@ -1,0 +1,72 @@
+"""Drones of several kinds in one set-up, and the two meanings of the yaw on the wire, over DDS."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from geometry_msgs.msg import PoseStamped
+from std_srvs.srv import SetBool
+
+from flatsat_ros.nodes import interfaces, messages
+
+if TYPE_CHECKING:
+    from conftest import Lab
+
+ROBOTS = """
+fileversion: 3
+robots:
+  cf1: {enabled: true, uri: udp://127.0.0.1:1, initial_position: [0.0, 0.0, 0.0], type: stock}
+  cf2: {enabled: true, uri: udp://127.0.0.1:2, initial_position: [0.0, 1.0, 0.0], type: strong}
+robot_types: {stock: {big_quad: false}, strong: {big_quad: false}}
+"""
+
+
+@pytest.fixture
+def crazyflies(tmp_path: Path) -> Path:
+    """A crazyflies.yaml with two types."""
+    path = tmp_path / "crazyflies.yaml"
+    path.write_text(ROBOTS, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("yaw_mode", ["rate", "angle"])
+def test_drones_of_two_types_fly_side_by_side_and_turn_to_their_yaw(lab: Lab, crazyflies: Path, yaw_mode: str) -> None:
+    kinds = {"crazyflies_yaml": crazyflies, "robot_types__strong__vehicle": "brushless", "yaw_mode": yaw_mode}
+    poses = {robot: lab.watch(interfaces.POSE, robot) for robot in ("cf1", "cf2")}
+    commands = {robot: lab.watch(interfaces.COMMAND, robot) for robot in poses}
+    lab.start("sim_drone", **kinds)
+    lab.start("controller", pose_timeout=2.0, **kinds)
+    lab.wait(lambda: lab.ask(SetBool, "cf2/arm", data=True).success, "the brushless drone to be armed")
+    for robot, y in (("cf1", 0.0), ("cf2", 1.0)):
+        goal = PoseStamped()
+        messages.fill_pose(goal, 0, (0.3, y, 0.5), (0.0, 0.0, math.sin(0.5), math.cos(0.5)))
+        lab.go_to(robot, (0.0, y, 0.5))
+        lab.publish(interfaces.GOAL, robot, goal)
+    for robot, y in (("cf1", 0.0), ("cf2", 1.0)):
+        lab.wait_for_flight(robot, poses[robot], (0.3, y, 0.5), 0.15)
+        lab.wait(
+            lambda robot=robot: abs(messages.yaw_from_quaternion(poses[robot][-1].pose.orientation) - 1.0) < 0.1,  # type: ignore[misc]
+            f"{robot} to turn",
+        )
+    # hovering, 29 g of 0.480 N and 39.3 g of 0.800 N
+    hover = {robot: commands[robot][-1].linear.z for robot in commands}
+    assert hover["cf1"] == pytest.approx(38842, rel=0.05)
+    assert hover["cf2"] == pytest.approx(31583, rel=0.05)
+
+
+def test_a_profile_that_cannot_lift_what_the_certificate_allows_is_refused_by_robot(lab: Lab, tmp_path: Path) -> None:
+    stock = (Path(__file__).parents[2] / "config" / "vehicles" / "cf21.yaml").read_text(encoding="utf-8")
+    heavy = tmp_path / "heavy.yaml"
+    heavy.write_text(stock.replace("mass: 0.029", "mass: 0.032").replace("name: cf21", "name: heavy"), encoding="utf-8")
+    controller = lab.start("controller", robot_names=["cf1", "cf2"], robots__cf2__vehicle=heavy)
+    assert controller.wait() == 2
+    assert "but cf2, vehicle 'heavy', lifts 13.73" in controller.output
+
+
+def test_a_yaw_mode_that_is_none_is_refused(lab: Lab) -> None:
+    controller = lab.start("controller", yaw_mode="absolute")
+    assert controller.wait() == 2
+    assert "parameter yaw_mode = 'absolute': must be one of rate, angle" in controller.output
