@@ -42,27 +42,33 @@ def _not_negative(owner: object, *names: str) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class AttitudeResponse:
-    """One axis of the closed attitude loop: wn^2 / (tau_a s^3 + s^2 + 2 zeta wn s + wn^2).
+    """One axis of the closed attitude loop: wn^2 / (tau_a s^3 + s^2 + 2 zeta wn s + wn^2) (1 + s/z) / (1 + s/p).
 
     Attributes:
         natural_frequency: wn, rad/s.
         damping: zeta, dimensionless.
         actuator_lag: tau_a, s; 0 leaves a second-order response.
+        integral_zero: z, rad/s, of the slow factor that the integral terms of the attitude controller add; 0: none.
+        integral_pole: p, rad/s, likewise; the response overshoots by about p/z - 1 for a time of 1/p.
     """
 
     natural_frequency: float
     damping: float
     actuator_lag: float
+    integral_zero: float = 0.0
+    integral_pole: float = 0.0
 
     def __post_init__(self) -> None:
         _positive(self, "natural_frequency", "damping")
-        _not_negative(self, "actuator_lag")
+        _not_negative(self, "actuator_lag", "integral_zero", "integral_pole")
+        one_sided = (self.integral_zero > 0.0) != (self.integral_pole > 0.0)
+        require(not one_sided, "integral_pole", self.integral_pole, "above 0 with integral_zero, 0 without")
         bound = 2.0 * self.damping / self.natural_frequency  # Routh-Hurwitz: tau_a wn < 2 zeta
         require(self.actuator_lag < bound, "actuator_lag", self.actuator_lag, f"below {bound:.4g} s (a stable loop)")
 
     @property
     def mean_delay(self) -> float:
-        """2 zeta / wn, s: the mean of the impulse response, whatever tau_a is."""
+        """2 zeta / wn, s: the mean of the impulse response, whatever tau_a is and without the slow factor."""
         return 2.0 * self.damping / self.natural_frequency
 
 
@@ -227,15 +233,17 @@ class VehicleProfile:
 
 
 def _build(cls: type[T], content: object, where: str) -> T:
-    """Build a dataclass from a YAML mapping with exactly its fields."""
+    """Build a dataclass from a YAML mapping with exactly its fields; those that have a default may be left out."""
     if not isinstance(content, Mapping):
         raise FlatsatError(f"{where} is {content!r}: valid is a mapping")
-    names = [field.name for field in dataclasses.fields(cast(Any, cls))]
-    unknown, missing = sorted(map(str, set(content) - set(names))), [name for name in names if name not in content]
+    members = dataclasses.fields(cast(Any, cls))
+    names = [field.name for field in members]
+    needed = [field.name for field in members if field.default is dataclasses.MISSING]
+    unknown, missing = sorted(map(str, set(content) - set(names))), [name for name in needed if name not in content]
     if unknown or missing:
         raise FlatsatError(f"{where} has unknown keys {unknown} and lacks {missing}: valid keys are {names}")
     hints = get_type_hints(cls)
-    values = {name: _convert(hints[name], content[name], f"{where}.{name}") for name in names}
+    values = {name: _convert(hints[name], content[name], f"{where}.{name}") for name in names if name in content}
     try:
         return cls(**values)
     except FlatsatError as error:

@@ -30,19 +30,23 @@ class Response(Protocol):
 
     Attributes:
         drag: (3,) linear drag against air velocity, world frame, 1/s.
+        order: number of states of an axis of the attitude; the first three are angle, rate and acceleration.
     """
 
     drag: FloatArray
+    order: int
 
     def thrust(self, thrust: FloatArray, command: FloatArray) -> FloatArray:
         """Return the (N,) thrust, m/s^2, one STEP later."""
 
     def attitude(self, attitude: FloatArray, command: FloatArray) -> FloatArray:
-        """Return the (3, N, 3) attitude one STEP later; command (3, N), rad."""
+        """Return the (3, N, order) attitude one STEP later; command (3, N), rad."""
 
 
 class Ideal:
     """The double integrator of the theorems: the commanded thrust and attitude are there at once, and no drag."""
+
+    order = 3
 
     def __init__(self) -> None:
         self.drag = np.zeros(3)
@@ -57,7 +61,7 @@ class Ideal:
 
 
 class Identified:
-    """Third-order attitude, first-order thrust, linear drag: the linear parts are discretised exactly."""
+    """Attitude of third order, of fourth with a slow factor, first-order thrust, linear drag, discretised exactly."""
 
     def __init__(self, dynamics: Dynamics) -> None:
         self.drag = np.array([dynamics.drag_xy, dynamics.drag_xy, dynamics.drag_z])
@@ -65,9 +69,10 @@ class Identified:
         self._keep_up = np.exp(-STEP / dynamics.thrust_lag_up)
         self._keep_down = np.exp(-STEP / dynamics.thrust_lag_down)
         axes = [(dynamics.attitude, dynamics.attitude_gain)] * 2 + [(dynamics.yaw, 1.0)]
-        steps = [_attitude_step(response, gain) for response, gain in axes]
-        self._transition = np.stack([a.T for a, _ in steps])  # (3, 3, 3), for row vectors
-        self._input = np.stack([b for _, b in steps])[:, None, :]  # (3, 1, 3)
+        self.order = 4 if any(response.integral_pole for response, _ in axes) else 3
+        steps = [_attitude_step(response, gain, self.order) for response, gain in axes]
+        self._transition = np.stack([a.T for a, _ in steps])  # (3, order, order), for row vectors
+        self._input = np.stack([b for _, b in steps])[:, None, :]  # (3, 1, order)
 
     def thrust(self, thrust: FloatArray, command: FloatArray) -> FloatArray:
         """Return the lagged thrust."""
@@ -79,12 +84,23 @@ class Identified:
         return attitude @ self._transition + self._input * command[:, :, None]
 
 
-def _attitude_step(response: AttitudeResponse, gain: float) -> tuple[FloatArray, FloatArray]:
-    """Return the zero-order-hold transition (3, 3) and input (3,) of (angle, rate, acceleration) over STEP."""
+def _attitude_step(response: AttitudeResponse, gain: float, order: int) -> tuple[FloatArray, FloatArray]:
+    """Return the zero-order-hold transition (order, order) and input (order,) of an axis over STEP.
+
+    The states are angle, rate, acceleration and, for order 4, x of the slow factor: x' = p (c - x) for a command c, and
+    (1 + s/z) / (1 + s/p) c = (p/z) c + (1 - p/z) x.
+    """
     wn, zeta, tau = response.natural_frequency, response.damping, response.actuator_lag
-    block = np.zeros((4, 4))  # [[A, B], [0, 0]]
+    pole = response.integral_pole
+    direct = pole / response.integral_zero if pole else 1.0
+    block = np.zeros((order + 1, order + 1))  # [[A, B], [0, 0]]
     block[0, 1] = 1.0
-    highest = np.array([-wn * wn, -2.0 * zeta * wn, -1.0, gain * wn * wn])
+    highest = np.zeros(order + 1)
+    highest[:3] = -wn * wn, -2.0 * zeta * wn, -1.0
+    highest[-1] = gain * wn * wn * direct
+    if order == 4:
+        highest[3] = gain * wn * wn * (1.0 - direct)
+        block[3, 3:] = -pole, pole
     if tau > 0:
         block[1, 2] = 1.0
         block[2] = highest / tau
@@ -92,7 +108,7 @@ def _attitude_step(response: AttitudeResponse, gain: float) -> tuple[FloatArray,
         block[1] = highest
         block[1, 2] = 0.0
     exponential = _matrix_exponential(block * STEP)
-    return exponential[:3, :3], exponential[:3, 3]
+    return exponential[:order, :order], exponential[:order, order]
 
 
 def _matrix_exponential(matrix: FloatArray) -> FloatArray:
@@ -141,7 +157,8 @@ class Bodies:
         position: (N, 3) m, world.
         velocity: (N, 3) m/s, world.
         acceleration: (N, 3) m/s^2, world; 0 on the floor.
-        attitude: (3, N, 3) axis (roll, pitch, yaw) by drone by (rad, rad/s, rad/s^2); yaw is not wrapped.
+        attitude: (3, N, order) axis (roll, pitch, yaw) by drone by (rad, rad/s, rad/s^2, and what the response adds);
+            yaw is not wrapped.
         thrust: (N,) achieved thrust divided by the mass, m/s^2.
         grounded: (N,) on the floor.
         capsized: (N,) fell over at touch-down and lies there.
@@ -156,7 +173,7 @@ class Bodies:
         count = len(self.position)
         self.velocity = np.zeros((count, 3))
         self.acceleration = np.zeros((count, 3))
-        self.attitude = np.zeros((3, count, 3))
+        self.attitude = np.zeros((3, count, response.order))
         self.attitude[2, :, 0] = yaw
         self.thrust = np.full(count, thrust)
         self.grounded = self.position[:, 2] <= floor
@@ -219,9 +236,10 @@ class Bodies:
         lost = np.isnan(command)
         if not lost.any():
             return self._response.attitude(self.attitude, command)
-        angle, rate, _ = np.moveaxis(self.attitude, -1, 0)
-        turn = np.full_like(angle, UNBALANCE)
-        drift = np.stack([angle + rate * STEP, rate + UNBALANCE * STEP, turn], axis=-1)
+        drift = self.attitude.copy()
+        drift[..., 0] += drift[..., 1] * STEP
+        drift[..., 1] += UNBALANCE * STEP
+        drift[..., 2] = UNBALANCE
         controlled = self._response.attitude(self.attitude, np.where(lost, 0.0, command))
         return np.where(lost[..., None], drift, controlled)
 
@@ -230,7 +248,7 @@ class Bodies:
 
         Args:
             place: (N, 3) position one STEP ago.
-            attitude: (3, N, 3) attitude one STEP ago.
+            attitude: (3, N, order) attitude one STEP ago.
         """
         falling = (self.position[:, 2] <= self._floor) & (self.velocity[:, 2] <= 0.0)
         self.grounded = falling | self.capsized

@@ -12,7 +12,7 @@ from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.vehicle import VehicleProfile
 
 VEHICLES = Path(__file__).parents[2] / "config" / "vehicles"
-NAMES = ("cf21", "cf2x_2025", "thrust_kit", "brushless")
+NAMES = ("cf21", "cf21_plus", "cf2x_2025", "thrust_kit", "brushless")
 
 
 def profile(name: str = "cf21") -> VehicleProfile:
@@ -26,7 +26,7 @@ def test_every_packaged_profile_loads_under_its_own_name(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "ratio"), [("cf21", 1.55), ("cf2x_2025", 1.45), ("thrust_kit", 2.07), ("brushless", 1.90)]
+    ("name", "ratio"), [("cf21", 1.55), ("cf21_plus", 1.55), ("cf2x_2025", 1.45), ("thrust_kit", 2.07), ("brushless", 1.90)]
 )
 def test_thrust_to_weight_ratio_at_pwm_60000(name: str, ratio: float) -> None:
     assert profile(name).thrust_max / 9.81 == pytest.approx(ratio, abs=0.006)
@@ -79,6 +79,8 @@ def test_lag_is_the_slowest_of_attitude_and_thrust(name: str) -> None:
         ({"motors.voltage_to_force": [0.0, 0.1, -0.1, 0.01]}, "increases"),
         ({"dynamics.attitude.actuator_lag": 0.2}, "stable"),
         ({"dynamics.attitude.damping": 0.0}, "damping"),
+        ({"dynamics.attitude.integral_zero": 0.4}, "integral_pole is 0.0: valid is above 0 with integral_zero"),
+        ({"dynamics.attitude.integral_pole": 0.4}, "integral_pole is 0.4: valid is .* 0 without"),
         ({"dynamics.thrust_lag_up": 0.0}, "thrust_lag_up"),
         ({"dynamics.drag_z": -1.0}, "drag_z"),
         ({"battery.critical_voltage": 3.5}, "low_voltage"),

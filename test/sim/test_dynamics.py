@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from scipy import signal
 
 from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.flatness import acceleration_from_input
@@ -53,20 +54,38 @@ def test_attitude_step_response_is_that_of_the_transfer_function(dynamics: Dynam
     response, gain = (dynamics.yaw, 1.0) if axis == 2 else (dynamics.attitude, dynamics.attitude_gain)
     wn, zeta, tau = response.natural_frequency, response.damping, response.actuator_lag
     denominator = np.trim_zeros([tau, 1.0, 2.0 * zeta * wn, wn * wn], "f")
-    # by partial fractions of gain wn^2 / (s D(s)): an independent way, with distinct poles
-    poles = np.roots(denominator)
-    residues = gain * wn**2 / (poles * np.polyval(np.polyder(denominator), poles))
-    time = STEP * np.arange(1, 501)
-    expected = gain + np.real(np.exp(np.outer(time, poles)) @ residues)
+    numerator = np.array([gain * wn**2])
+    if response.integral_pole:
+        numerator = np.polymul(numerator, [1.0 / response.integral_zero, 1.0])
+        denominator = np.polymul(denominator, [1.0 / response.integral_pole, 1.0])
+    _, expected = signal.step((numerator, denominator), T=STEP * np.arange(501))
 
     body = bodies(Identified(dynamics))
     command = np.zeros((3, 1))
     command[axis] = 0.3
     reached = []
-    for _ in time:
+    for _ in range(500):
         body.step(np.full(1, GRAVITY), command, STILL)
         reached.append(body.attitude[axis, 0, 0])
-    assert_allclose(reached, 0.3 * expected, atol=1e-11)
+    assert_allclose(reached, 0.3 * expected[1:], atol=1e-11)
+
+
+def test_the_firmwares_pid_answers_a_step_as_it_was_measured() -> None:
+    plus = VehicleProfile.load(VEHICLES / "cf21_plus.yaml").dynamics
+    body, reached = bodies(Identified(plus)), []
+    for _ in range(1000):
+        body.step(np.full(1, GRAVITY), angles(roll=0.1), STILL)
+        reached.append(body.attitude[0, 0, 0] / 0.1)
+    response, time = np.array(reached), plus.dead_time + STEP * np.arange(1, 1001)
+    assert time[np.argmax(response > 1.0 - np.exp(-1.0))] == pytest.approx(0.123, abs=0.002)
+    assert time[np.argmax(response > 0.9)] == pytest.approx(0.314, abs=0.003)
+    assert response.max() == pytest.approx(1.07, abs=0.005)
+
+    body, turned = bodies(Identified(plus)), []
+    for step in range(1000):
+        body.step(np.full(1, GRAVITY), angles(yaw=0.5 * STEP * (step + 1)), STILL)
+        turned.append(body.attitude[2, 0, 1] / 0.5)
+    assert time[np.argmax(np.array(turned) > 1.0 - np.exp(-1.0))] == pytest.approx(0.236, abs=0.004)
 
 
 @pytest.mark.parametrize("dynamics", PROFILES)
