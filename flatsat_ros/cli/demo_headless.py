@@ -11,8 +11,12 @@ from flatsat_ros.cli.demo_scenario import (
     BAR,
     CLIMB_TIME,
     GAMMA_0,
+    GATHER_TIME,
+    LANDING_LATEST,
+    LANDING_TIME,
     MU,
     POSE_NOISE,
+    STANDING_TIME,
     V_INF,
     VEHICLE,
     Scenario,
@@ -23,7 +27,7 @@ from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.gain import Tuning
 from flatsat_ros.core.pilot import Pilot, Tick
 from flatsat_ros.core.reference import Trajectory
-from flatsat_ros.core.supervisor import Policy
+from flatsat_ros.core.supervisor import Mode, Policy
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.core.wire import WireSetpoint, input_from_setpoint
 from flatsat_ros.sim.fleet import SimulatedFleet
@@ -32,7 +36,7 @@ from flatsat_ros.sim.sensor import MotionCapture, Sample
 
 
 def fly(scenario: Scenario) -> FlightRecord:
-    """Fly on simulated time in this process."""
+    """Fly on simulated time in this process: take off, gather, swap, land."""
     count = len(scenario.robots)
     vehicle = VehicleProfile.load(config_path(VEHICLE, "vehicles"))
     certificate = scenario.certificate
@@ -44,9 +48,11 @@ def fly(scenario: Scenario) -> FlightRecord:
     poses: list[list[list[float]]] = [[] for _ in range(count)]
     ticks: list[list[FloatArray]] = [[] for _ in range(count)]
     commands: list[list[list[float]]] = [[] for _ in range(count)]
-    end = CLIMB_TIME + scenario.duration
+    start = STANDING_TIME + CLIMB_TIME
+    end = start + scenario.duration
+    total = end + LANDING_TIME
 
-    with tqdm(total=round(end, 1), unit="s", desc="simulated", bar_format=BAR) as bar:
+    with tqdm(total=round(total, 1), unit="s", desc="simulated", bar_format=BAR) as bar:
 
         def observe(now: float, samples: list[Sample], tick: Tick, sent: dict[int, WireSetpoint]) -> None:
             for sample in samples:
@@ -55,17 +61,31 @@ def fly(scenario: Scenario) -> FlightRecord:
                 ticks[i].append(np.array([now, *row]))
             for i, setpoint in sent.items():
                 commands[i].append([now, *input_from_setpoint(setpoint, vehicle)])
-            bar.update(min(now, end) - bar.n)
+            bar.update(min(now, total) - bar.n)
 
+        def let_pass(begin: float, until: float) -> None:
+            fly_simulated(pilot, fleet, vehicle, until - certificate.period, observe, start=begin)
+
+        let_pass(0.0, STANDING_TIME)
+        for i in range(count):
+            pilot.take_off(i, scenario.height)
+        let_pass(STANDING_TIME, STANDING_TIME + GATHER_TIME)
         for i, position in enumerate(scenario.gathering):
             pilot.refer(i, Trajectory.hold(position))
-        fly_simulated(pilot, fleet, vehicle, CLIMB_TIME - certificate.period, observe)
+        let_pass(STANDING_TIME + GATHER_TIME, start)
         for i, swap in enumerate(scenario.swaps):
-            pilot.refer(i, swap.shifted(CLIMB_TIME))
-        fly_simulated(pilot, fleet, vehicle, end, observe, start=CLIMB_TIME)
+            pilot.refer(i, swap.shifted(start))
+        now = end + certificate.period
+        let_pass(start, now)
+        for i in range(count):
+            pilot.land(i)
+        while (pilot.mode != Mode.IDLE).any() and now < end + LANDING_LATEST:
+            let_pass(now, now + certificate.period)
+            now += certificate.period
+        bar.update(total - bar.n)
 
     robots = {
-        name: RobotRecord(*(np.array(x[i]) for x in (poses, ticks, commands)), scenario.swaps[i].shifted(CLIMB_TIME))
+        name: RobotRecord(*(np.array(x[i]) for x in (poses, ticks, commands)), scenario.swaps[i].shifted(start))
         for i, name in enumerate(scenario.robots)
     }
-    return record_of(scenario, robots, CLIMB_TIME)
+    return record_of(scenario, robots, start)

@@ -7,8 +7,9 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -16,8 +17,23 @@ from tqdm import tqdm
 
 from flatsat_ros._resources import config_path
 from flatsat_ros.cli.demo_record import FlightRecord, RobotRecord
-from flatsat_ros.cli.demo_scenario import BAR, CLIMB_TIME, GAMMA_0, MU, POSE_NOISE, V_INF, VEHICLE, Scenario, record_of
+from flatsat_ros.cli.demo_scenario import (
+    BAR,
+    CLIMB_TIME,
+    GAMMA_0,
+    GATHER_TIME,
+    LANDING_LATEST,
+    LANDING_TIME,
+    MU,
+    POSE_NOISE,
+    STANDING_TIME,
+    V_INF,
+    VEHICLE,
+    Scenario,
+    record_of,
+)  # fmt: skip
 from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.core.supervisor import Mode
 from flatsat_ros.core.vehicle import VehicleProfile
 
 if TYPE_CHECKING:
@@ -32,13 +48,17 @@ _GOODBYE = 5.0  # s, that a node has to end by itself
 _SLICE = 0.02  # s
 _GATHERED = 0.15  # m, from its first way-point, that a drone may be when the swap begins
 _LATE = 20.0  # s, that a stalled machine may be late with the climb
+_ANSWER = 10.0  # s, that the answer of a service may take
+_POSES = 10.0  # s, after which a drone whose pose the controller still does not know stays on the floor
+_AGAIN = 0.5  # s, after which a take-off is asked for again; modes are known by then
 
 
 def fly(scenario: Scenario, folder: Path) -> FlightRecord:
     """Fly the scenario with one controller process and one sim_drone process per drone.
 
     Raises:
-        FlatsatError: the nodes did not find each other, one died, or another demo is running.
+        FlatsatError: the nodes did not find each other, one died, another demo is running, the controller refused to
+            arm, take off or land, or a drone did not land.
     """
     from flatsat_ros.nodes.bag import write_bag
     from flatsat_ros.nodes.conductor import conducting
@@ -78,6 +98,7 @@ def _commands(scenario: Scenario) -> dict[str, list[str]]:
                 "mu": repr(MU),
                 "v_inf": repr(V_INF),
                 "gamma_0": repr(GAMMA_0),
+                "takeoff_height": repr(scenario.height),
                 "restart_gain": "false",
                 "disturbance_max": repr(scenario.disturbance_max),
             },
@@ -138,12 +159,6 @@ def _stop(running: dict[str, subprocess.Popen[bytes]]) -> list[str]:
     return unclean
 
 
-def _require_alive(nodes: dict[str, subprocess.Popen[bytes]]) -> None:
-    for name, process in nodes.items():
-        if process.poll() is not None:
-            raise FlatsatError(f"node {name} died in flight with exit code {process.returncode}; see its log")
-
-
 def _listen_for_others(conductor: Conductor) -> None:
     """Refuse to fly among the messages of another demo."""
     for _ in range(round(_LISTENING / _SLICE)):
@@ -155,35 +170,104 @@ def _listen_for_others(conductor: Conductor) -> None:
             )
 
 
-def _conduct(scenario: Scenario, conductor: Conductor, nodes: dict[str, subprocess.Popen[bytes]]) -> int:
-    """Wait for the nodes, climb, swap; return when the swap began, ns."""
+@dataclass(frozen=True)
+class _Watch:
+    """Waits in flight: messages come in, the bar moves, and the nodes must live.
 
-    def spin(seconds: float, bar: tqdm[NoReturn]) -> None:
-        begin, flown = time.monotonic(), bar.n
-        while (elapsed := time.monotonic() - begin) < seconds:
-            conductor.spin(_SLICE)
-            _require_alive(nodes)
-            bar.update(flown + elapsed - bar.n)
-        bar.update(flown + seconds - bar.n)
+    Attributes:
+        conductor: hears and asks.
+        nodes: the processes by name.
+        bar: s flown.
+    """
 
-    with tqdm(total=_DISCOVERY, unit="s", desc="waiting for the nodes", bar_format=BAR, leave=False) as bar:
-        end = time.monotonic() + _DISCOVERY
-        while missing := conductor.missing():
-            spin(0.1, bar)
+    conductor: Conductor
+    nodes: dict[str, subprocess.Popen[bytes]]
+    bar: tqdm[NoReturn]
+
+    def let_pass(self, seconds: float) -> None:
+        """Wait that long."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self._look()
+
+    def until_none(self, left: Callable[[], list[str]], seconds: float, complaint: str) -> None:
+        """Wait until nobody is left.
+
+        Raises:
+            FlatsatError: who is left after that time, with the complaint.
+        """
+        end = time.monotonic() + seconds
+        while names := left():
             if time.monotonic() > end:
-                raise FlatsatError(f"not heard of after {_DISCOVERY:g} s: {', '.join(missing)}")
-    with tqdm(total=CLIMB_TIME + scenario.duration, unit="s", desc="flying", bar_format=BAR) as bar:
+                raise FlatsatError(f"{complaint} after {seconds:g} s: {', '.join(names)}")
+            self._look()
+
+    def ask(self, name: str, *who: str) -> str:
+        """Ask the controller to arm, takeoff or land one robot, or all; return why it refused, nothing if it did not.
+
+        Raises:
+            FlatsatError: no answer came in time.
+        """
+        answer = self.conductor.ask(name, *who)
+        self.until_none(lambda: [] if answer.done() else [name], _ANSWER, "no answer of the controller")
+        return str(answer.result().message)
+
+    def demand(self, name: str) -> None:
+        """Ask for all robots.
+
+        Raises:
+            FlatsatError: the controller refused, or no answer came in time.
+        """
+        if refusal := self.ask(name):
+            raise FlatsatError(refusal)
+
+    def _look(self) -> None:
+        begin = time.monotonic()
+        self.conductor.spin(_SLICE)
+        for name, process in self.nodes.items():
+            if process.poll() is not None:
+                raise FlatsatError(f"node {name} died in flight with exit code {process.returncode}; see its log")
+        self.bar.update(min(time.monotonic() - begin, self.bar.total - self.bar.n))
+
+
+def _take_off(watch: _Watch) -> None:
+    """Ask for all robots, then again for each whose poses the controller did not know yet.
+
+    Raises:
+        FlatsatError: the controller still refuses.
+    """
+    end = time.monotonic() + _POSES
+    refusals = [watch.ask("takeoff")]
+    while any(refusals):
+        if time.monotonic() > end:
+            raise FlatsatError("; ".join(filter(None, refusals)))
+        watch.let_pass(_AGAIN)
+        refusals = [watch.ask("takeoff", robot) for robot in watch.conductor.robots_in(Mode.IDLE)]
+
+
+def _conduct(scenario: Scenario, conductor: Conductor, nodes: dict[str, subprocess.Popen[bytes]]) -> int:
+    """Wait for the nodes, take off, gather, swap, land; return when the swap began, ns."""
+    with tqdm(total=_DISCOVERY, unit="s", desc="waiting for the nodes", bar_format=BAR, leave=False) as bar:
+        _Watch(conductor, nodes, bar).until_none(conductor.missing, _DISCOVERY, "not heard of")
+    total = STANDING_TIME + CLIMB_TIME + scenario.duration + LANDING_TIME
+    with tqdm(total=total, unit="s", desc="taking off", bar_format=BAR) as bar:
+        watch = _Watch(conductor, nodes, bar)
+        watch.demand("arm")
+        watch.let_pass(STANDING_TIME)
+        _take_off(watch)
+        watch.let_pass(GATHER_TIME)
         for i, position in enumerate(scenario.gathering.tolist()):
             conductor.send_goal(i, position)
-        spin(CLIMB_TIME - _LEAD, bar)
-        end = time.monotonic() + _LATE
-        while late := conductor.away(scenario.gathering, _GATHERED):
-            conductor.spin(_SLICE)
-            _require_alive(nodes)
-            if time.monotonic() > end:
-                raise FlatsatError(f"not within {_GATHERED:g} m of its place in time: {', '.join(late)}")
+        watch.let_pass(CLIMB_TIME - _LEAD - GATHER_TIME)
+        where = f"not within {_GATHERED:g} m of its place"
+        watch.until_none(lambda: conductor.away(scenario.gathering, _GATHERED), _LATE, where)
         start = conductor.now() + round(_LEAD * 1e9)
         for i, swap in enumerate(scenario.swaps):
             conductor.send_trajectory(i, swap, start)
-        spin(_LEAD + scenario.duration, bar)
+        bar.set_description_str("swapping")
+        watch.let_pass(_LEAD + scenario.duration)
+        bar.set_description_str("landing")
+        watch.demand("land")
+        watch.until_none(lambda: conductor.robots_in(*set(Mode) - {Mode.IDLE}), LANDING_LATEST, "did not land")
+        bar.update(total - bar.n)
     return start

@@ -58,10 +58,11 @@ def _paths(record: FlightRecord) -> plt.Figure:
 
 
 def _gain(record: FlightRecord) -> plt.Figure:
+    """Draw up to the end of the swap: on the floor V only says how far the landing reference has gone on sinking."""
     figure, (gain, lyapunov) = plt.subplots(2, 1, figsize=(8, 5.2), sharex=True, layout="constrained")
     for name, colour in _colours(record).items():
         robot = record.robots[name]
-        flying = robot.column("mode") == Mode.FLY
+        flying = (robot.column("mode") == Mode.FLY) & (robot.ticks[:, 0] <= record.swap[1])
         gain.plot(robot.ticks[flying, 0], robot.column("gamma")[flying], color=colour, label=name)
         lyapunov.semilogy(robot.ticks[flying, 0], robot.column("V")[flying], color=colour)
     gain.set_ylabel(r"gain $\gamma$")
@@ -93,7 +94,7 @@ def _inputs(record: FlightRecord) -> plt.Figure:
         axes.set_ylabel(label)
         _finish(axes, record, last=i == 2)
     rows[0].set_title("commands on the wire (dashed: limits)")
-    rows[0].legend(loc="lower right", ncols=3)
+    rows[0].legend(loc="center", ncols=3)
     return figure
 
 

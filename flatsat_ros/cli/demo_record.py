@@ -17,6 +17,7 @@ from flatsat_ros.core.telemetry import FIELDS
 # root mean square tracking errors of the paper's Test 2, Table III, m
 PAPER_RMS = (0.0703, 0.0826, 0.0602)
 RMS_LIMIT = 0.10  # m, what the demo promises
+_FLOOR = 0.05  # m, around z = 0, where a drone that landed stands
 # degrees and PWM on the wire cost a few units in the last place
 _ROUNDING = 1e-9
 
@@ -47,7 +48,7 @@ class RobotRecord:
 
 @dataclass(frozen=True, eq=False)
 class FlightRecord:
-    """A whole flight.
+    """A whole flight, from the floor to the floor.
 
     Attributes:
         robots: by name.
@@ -95,10 +96,11 @@ class FlightRecord:
         thrust, roll, pitch = (flying[:, 1 + FIELDS.index(name)] for name in ("T", "phi", "theta"))
         return {
             "rms_m": float(np.sqrt((error**2).sum(axis=1).mean())),
-            "gamma_final": float(robot.column("gamma")[-1]),
+            "gamma_final": float(robot.column("gamma")[robot.ticks[:, 0] <= end][-1]),
             "tilt_max_rad": float(np.arccos(np.cos(roll) * np.cos(pitch)).max()),
             "thrust_min": float(thrust.min()),
             "thrust_max": float(thrust.max()),
+            "landed": bool(robot.ticks[-1, _MODE] in (Mode.REST, Mode.IDLE) and abs(robot.poses[-1, 3]) <= _FLOOR),
         }
 
     def _violations(self, robot: RobotRecord) -> int:
@@ -130,6 +132,11 @@ def failures(summary: Mapping[str, Any]) -> list[str]:
         for name, robot in summary["robots"].items()
         if not robot["rms_m"] < RMS_LIMIT
     ]
+    broken += [
+        f"{name}: does not stand on the floor, promised to land"
+        for name, robot in summary["robots"].items()
+        if not robot["landed"]
+    ]
     if summary["violations"]:
         broken.append(f"{summary['violations']} commands outside the limits, promised none")
     return broken
@@ -138,14 +145,15 @@ def failures(summary: Mapping[str, Any]) -> list[str]:
 def table(summary: Mapping[str, Any], limits: InputSet) -> str:
     """Return the figures as a table for the terminal."""
     lines = [
-        f"{'robot':<8}{'RMS cm':>9}{'paper cm':>10}{'gamma':>8}{'tilt deg':>10}{'T min':>8}{'T max':>8}  m/s^2",
-        "-" * 68,
+        f"{'robot':<8}{'RMS cm':>9}{'paper cm':>10}{'gamma':>8}{'tilt deg':>10}{'T min':>8}{'T max':>8}  m/s^2  landed",
+        "-" * 76,
     ]
     for name, robot in summary["robots"].items():
         paper = "-" if robot["rms_paper_m"] is None else f"{100 * robot['rms_paper_m']:.2f}"
         lines.append(
             f"{name:<8}{100 * robot['rms_m']:>9.2f}{paper:>10}{robot['gamma_final']:>8.2f}"
             f"{np.degrees(robot['tilt_max_rad']):>10.2f}{robot['thrust_min']:>8.2f}{robot['thrust_max']:>8.2f}"
+            f"{'yes' if robot['landed'] else 'no':>15}"
         )
     lines.append(
         f"{'limits':<8}{100 * RMS_LIMIT:>9.0f}{'':>10}{'':>8}{np.degrees(limits.tilt_max):>10.2f}"

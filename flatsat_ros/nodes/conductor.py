@@ -1,4 +1,4 @@
-"""The demo's own node: gives the drones their references and records every message as it came."""
+"""The demo's own node: has the drones take off, gives them references, lands them and records every message."""
 
 from __future__ import annotations
 
@@ -12,9 +12,13 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+from std_srvs.srv import SetBool, Trigger
 
 from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.reference import Trajectory
+from flatsat_ros.core.supervisor import Mode
+from flatsat_ros.core.telemetry import FIELDS
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.core.wire import input_from_setpoint
 from flatsat_ros.nodes import interfaces, messages
@@ -22,10 +26,17 @@ from flatsat_ros.nodes.bag import Recorded
 from flatsat_ros.nodes.interfaces import Topic
 
 _RECORDED = (interfaces.POSE, interfaces.COMMAND, interfaces.TELEMETRY, interfaces.GOAL, interfaces.TRAJECTORY)
+# what the controller is asked for, by name
+_REQUESTS = {
+    interfaces.ARM: (SetBool, SetBool.Request(data=True)),
+    "takeoff": (Trigger, Trigger.Request()),
+    "land": (Trigger, Trigger.Request()),
+}
+_MODE = FIELDS.index("mode")
 
 
 class Conductor(Node):  # type: ignore[misc]
-    """Publishes references, records all topics of the robots.
+    """Asks for take-off and landing, publishes references, records all topics of the robots.
 
     Attributes:
         recorded: all messages so far, in order of arrival.
@@ -37,13 +48,16 @@ class Conductor(Node):  # type: ignore[misc]
         self._robots = list(robots)
         self._executor = executor
         self.recorded: list[Recorded] = []
-        self._heard: set[str] = set()
-        self._newest: dict[str, bytes] = {}
+        self._newest: dict[str, bytes] = {}  # message by topic
         goal, trajectory = interfaces.GOAL, interfaces.TRAJECTORY
         self._goals = [self.create_publisher(goal.kind, goal.of(robot), goal.publish) for robot in robots]
         self._trajectories = [
             self.create_publisher(trajectory.kind, trajectory.of(robot), trajectory.publish) for robot in robots
         ]
+        asked = [(interfaces.ALL, name) for name in _REQUESTS] + [(robot, "takeoff") for robot in robots]
+        self._lifecycle = {
+            (who, name): self.create_client(_REQUESTS[name][0], interfaces.service_of(who, name)) for who, name in asked
+        }
         for robot in robots:
             for topic in _RECORDED:
                 self._record(topic, robot)
@@ -55,9 +69,7 @@ class Conductor(Node):  # type: ignore[misc]
 
         def keep(data: bytes) -> None:
             self.recorded.append(Recorded(self.now(), full_name, full_kind, data))
-            self._heard.add(name)
-            if topic is interfaces.POSE:
-                self._newest[robot] = data
+            self._newest[name] = data
 
         self.create_subscription(topic.kind, name, keep, topic.subscribe, raw=True)
 
@@ -73,12 +85,12 @@ class Conductor(Node):  # type: ignore[misc]
         )
 
     def missing(self) -> list[str]:
-        """Return what has not been heard of yet: topics without a message, references without a listener."""
+        """Return what is not there yet: topics without a message, references without a listener, services."""
         silent = [
             topic.of(robot)
             for robot in self._robots
             for topic in (interfaces.POSE, interfaces.TELEMETRY)
-            if topic.of(robot) not in self._heard
+            if topic.of(robot) not in self._newest
         ]
         # our own recording is one of the listeners
         deaf = [
@@ -88,13 +100,24 @@ class Conductor(Node):  # type: ignore[misc]
             if self.count_subscribers(topic.of(robot)) < 2
         ]
         unflown = [r for r in self._robots if self.count_subscribers(interfaces.COMMAND.of(r)) < 2]
-        return silent + deaf + [interfaces.COMMAND.of(r) for r in unflown]
+        unserved = [client.srv_name for client in self._lifecycle.values() if not client.service_is_ready()]
+        return silent + deaf + [interfaces.COMMAND.of(r) for r in unflown] + unserved
 
     def away(self, places: FloatArray, distance: float) -> list[str]:
         """Return the robots whose newest pose is farther than the distance, m, from their place (N, 3), m."""
-        positions = [messages.pose_from_cdr(self._newest[robot])[1] for robot in self._robots]
+        positions = [messages.pose_from_cdr(self._newest[interfaces.POSE.of(r)])[1] for r in self._robots]
         far = np.linalg.norm(np.array(positions) - places, axis=1) > distance
         return [robot for robot, is_far in zip(self._robots, far, strict=True) if is_far]
+
+    def robots_in(self, *modes: Mode) -> list[str]:
+        """Return the robots whose newest telemetry reports one of these flight modes."""
+        topic = interfaces.TELEMETRY
+        rows = {r: deserialize_message(self._newest[topic.of(r)], topic.kind).data for r in self._robots}
+        return [robot for robot, row in rows.items() if row[_MODE] in modes]
+
+    def ask(self, name: str, who: str = interfaces.ALL) -> Future:
+        """Ask the controller to arm, takeoff or land; the answer comes in while spinning."""
+        return self._lifecycle[who, name].call_async(_REQUESTS[name][1])
 
     def send_goal(self, index: int, position: Sequence[float]) -> None:
         """Send a set-point, m, world frame, to one robot."""

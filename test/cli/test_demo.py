@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import signal
@@ -9,19 +10,22 @@ import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import Reader
+from rosbags.highlevel import AnyReader
+from tqdm import tqdm
 
-from flatsat_ros.cli import demo, demo_record
+from flatsat_ros.cli import demo, demo_live, demo_record
 from flatsat_ros.cli.demo_record import FlightRecord, RobotRecord
+from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.supervisor import Mode
 from flatsat_ros.core.telemetry import FIELDS
 
-ROBOT_KEYS = {"rms_m", "rms_paper_m", "gamma_final", "tilt_max_rad", "thrust_min", "thrust_max"}
+ROBOT_KEYS = {"rms_m", "rms_paper_m", "gamma_final", "tilt_max_rad", "thrust_min", "thrust_max", "landed"}
 KEYS = {
     "robots", "violations", "separation_min_m", "tick_median_us", "tick_p99_us", "dynamics", "rate_hz", "seconds",
 }  # fmt: skip
@@ -48,6 +52,7 @@ def test_the_headless_swap_keeps_the_promises_and_writes_everything(
     assert all(set(robot) == ROBOT_KEYS for robot in robots.values())
     assert [robot["rms_paper_m"] for robot in robots.values()] == [0.0703, 0.0826, 0.0602]
     assert all(0.0 < robot["rms_m"] < 0.10 for robot in robots.values())
+    assert all(robot["landed"] for robot in robots.values())
     assert all(9.81 < robot["thrust_max"] <= 1.45 * 9.81 for robot in robots.values())
     assert (summary["violations"], summary["dynamics"], summary["rate_hz"], summary["seconds"]) == (
         0, "identified", 10.0, 12.0,
@@ -93,8 +98,15 @@ def test_what_cannot_be_flown_is_refused_in_one_line(
     assert error.count("\n") == 1
 
 
-def record(offset: float = 0.0, thrust: float = 10.0, roll: float = 0.0, second: float = 1.0) -> FlightRecord:
-    """Two drones that hover `offset` off their references, `second` metres apart."""
+def record(
+    offset: float = 0.0,
+    thrust: float = 10.0,
+    roll: float = 0.0,
+    second: float = 1.0,
+    end: Mode = Mode.IDLE,
+    height: float = 0.0,
+) -> FlightRecord:
+    """Two drones that hover `offset` off their references, `second` metres apart, and are at last at that height."""
     times = np.arange(0.0, 5.0, 0.1)
     row = np.zeros(1 + len(FIELDS))
     row[1 + FIELDS.index("T")], row[1 + FIELDS.index("mode")] = thrust, Mode.FLY
@@ -102,7 +114,8 @@ def record(offset: float = 0.0, thrust: float = 10.0, roll: float = 0.0, second:
     for name, x in (("a", 0.0), ("b", second)):
         poses = np.stack([times, np.full_like(times, x + offset), 0.0 * times, 0.0 * times + 1.0], axis=1)
         ticks = np.tile(row, (len(times), 1))
-        ticks[:, 0] = times
+        ticks[:, 0] = ticks[:, 1 + FIELDS.index("gamma")] = times
+        poses[-1, 3], ticks[-1, 1 + FIELDS.index("mode")] = height, end
         commands = np.tile([0.0, thrust, roll, 0.0, 0.0], (len(times), 1))
         robots[name] = RobotRecord(poses, ticks, commands, Trajectory.hold([x, 0.0, 1.0]))
     return FlightRecord(robots, LIMITS, 2.0, 0.05, 10.0, 10.0, "ideal", (1.0, 4.0))
@@ -125,12 +138,88 @@ def test_every_command_outside_the_limits_is_counted(wrong: dict[str, float]) ->
     assert any("100 commands outside the limits" in sentence for sentence in demo_record.failures(summary))
 
 
-def test_commands_on_the_limits_are_within() -> None:
-    assert record(thrust=14.0, roll=0.2).summary()["violations"] == 0
+@pytest.mark.parametrize("right", [{"thrust": 14.0, "roll": 0.2}, {"thrust": 0.0}])
+def test_commands_on_the_limits_and_resting_motors_are_within(right: dict[str, float]) -> None:
+    assert record(**right).summary()["violations"] == 0
+
+
+def test_the_final_gain_is_that_at_the_end_of_the_swap() -> None:
+    assert [robot["gamma_final"] for robot in record().summary()["robots"].values()] == pytest.approx([4.0, 4.0])
+
+
+@pytest.mark.parametrize("state", [{"height": 0.051}, {"height": -0.051}, {"end": Mode.FLY}, {"end": Mode.CUT}])
+def test_a_drone_that_does_not_rest_on_the_floor_breaks_the_promise(state: dict[str, Any]) -> None:
+    summary = record(**state).summary()
+    assert not any(robot["landed"] for robot in summary["robots"].values())
+    assert demo_record.failures(summary) == [f"{name}: does not stand on the floor, promised to land" for name in "ab"]
+
+
+@pytest.mark.parametrize("state", [{"height": 0.049, "end": Mode.REST}, {"height": -0.049}])
+def test_a_drone_at_rest_on_the_floor_landed(state: dict[str, Any]) -> None:
+    assert demo_record.failures(record(**state).summary()) == []
 
 
 def test_the_separation_is_the_smallest_distance() -> None:
     assert record(second=0.8).summary()["separation_min_m"] == pytest.approx(0.8)
+
+
+class Answered:
+    """A controller's answer that is there."""
+
+    def __init__(self, message: str) -> None:
+        self.message = message
+
+    def done(self) -> bool:
+        return True
+
+    def result(self) -> Answered:
+        return self
+
+
+class Conductor:
+    """Stands for the one that asks: gives the controller's answers in turn and notes who was asked for what."""
+
+    def __init__(self, *answers: str, standing: tuple[str, ...] = ()) -> None:
+        self.asked: list[tuple[str, ...]] = []
+        self._answers = list(answers)
+        self._standing = list(standing)
+
+    def ask(self, *request: str) -> Answered:
+        self.asked.append(request)
+        return Answered(self._answers.pop(0))
+
+    def robots_in(self, *modes: Mode) -> list[str]:
+        assert modes == (Mode.IDLE,)
+        return self._standing
+
+    def spin(self, seconds: float) -> None:
+        time.sleep(seconds)
+
+
+def watch(conductor: Conductor) -> demo_live._Watch:
+    return demo_live._Watch(conductor, {}, tqdm(total=1.0, disable=True))
+
+
+def test_only_drones_that_still_stand_are_asked_to_take_off_again() -> None:
+    conductor = Conductor("cf2: no pose", "cf2: no pose", "", standing=("cf2",))
+    demo_live._take_off(watch(conductor))
+    assert conductor.asked == [("takeoff",), ("takeoff", "cf2"), ("takeoff", "cf2")]
+
+
+def test_a_take_off_that_stays_refused_is_an_error_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(demo_live, "_POSES", 0.0)
+    with pytest.raises(FlatsatError, match="cf2: takeoff refused: no pose"):
+        demo_live._take_off(watch(Conductor("cf2: takeoff refused: no pose")))
+
+
+def test_a_refused_landing_is_an_error_with_the_reason() -> None:
+    with pytest.raises(FlatsatError, match="cf1: land refused: the drone is in CUT"):
+        watch(Conductor("cf1: land refused: the drone is in CUT")).demand("land")
+
+
+def test_who_did_not_land_in_time_is_named() -> None:
+    with pytest.raises(FlatsatError, match=r"did not land after 0\.1 s: cf1, cf3"):
+        watch(Conductor()).until_none(lambda: ["cf1", "cf3"], 0.1, "did not land")
 
 
 @pytest.fixture
@@ -181,14 +270,20 @@ def test_the_live_demo_keeps_the_promises_and_its_bag_can_be_read(live: subproce
     summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     assert set(summary) == KEYS
     assert summary["violations"] == 0
+    assert all(robot["landed"] for robot in summary["robots"].values())
     assert all((tmp_path / name).stat().st_size > 10_000 for name in PICTURES)
-    with Reader(tmp_path / "bag") as bag:
+    with AnyReader([tmp_path / "bag"]) as bag:
         counts = {connection.topic: connection.msgcount for connection in bag.connections}
+        reports = [c for c in bag.connections if c.topic.endswith("telemetry")]
+        rows = [(c.topic, bag.deserialize(data, c.msgtype).data) for c, _, data in bag.messages(reports)]
     for robot in summary["robots"]:
-        assert counts[f"/demo/{robot}/pose"] > 700  # 10 s at 100 Hz, best effort
-        assert counts[f"/demo/{robot}/flatsat/telemetry"] > 70  # 10 s at 10 Hz
-        assert counts[f"/demo/{robot}/cmd_vel_legacy"] > 70
+        assert counts[f"/demo/{robot}/pose"] > 1300  # 19 s at 100 Hz, best effort
+        assert counts[f"/demo/{robot}/flatsat/telemetry"] > 130  # 19 s at 10 Hz
+        assert counts[f"/demo/{robot}/cmd_vel_legacy"] > 130
         assert counts[f"/demo/{robot}/trajectory"] == counts[f"/demo/{robot}/goal_pose"] == 1
+        flown = [row[FIELDS.index("mode")] for topic, row in rows if topic == f"/demo/{robot}/flatsat/telemetry"]
+        modes = [Mode(int(mode)) for mode, _ in itertools.groupby(flown)]
+        assert (modes[:3], modes[-2:]) == ([Mode.IDLE, Mode.UNLOCK, Mode.FLY], [Mode.REST, Mode.IDLE])
     assert not [entry for entry in tmp_path.iterdir() if entry.name.startswith(".")]
 
 
