@@ -26,10 +26,12 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
+from std_srvs.srv import Trigger
 
 from flatsat_ros._resources import config_path
 from flatsat_ros.core.certificate import Certificate
 from flatsat_ros.core.flatness import FloatArray, acceleration_from_input
+from flatsat_ros.core.supervisor import Mode
 from flatsat_ros.core.telemetry import FIELDS
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.core.wire import WireSetpoint, input_from_setpoint
@@ -224,17 +226,43 @@ class Lab:
 
     def go_to(self, robot: str, position: Sequence[float], *, linked: bool = True) -> None:
         """Give a robot a set-point, m; if linked, once it listens: the first commands open its thrust lock."""
+        if linked:
+            self._wait_for_link(robot)
+        message = PoseStamped()
+        messages.fill_pose(message, 0, position, (0.0, 0.0, 0.0, 1.0))
+        self.publish(interfaces.GOAL, robot, message)
+
+    def take_off(self, *robots: str) -> None:
+        """Send robots up through the service, once they listen and the controller knows their poses."""
+        for robot in robots:
+            self._wait_for_link(robot)
+        for robot in robots:
+            name = interfaces.service_of(robot, "takeoff")
+            self.wait(lambda name=name: self.ask(Trigger, name).success, f"{robot} to take off")
+
+    def land(self, *robots: str) -> None:
+        """Land robots through the service and wait until the controller leaves them in peace on the ground."""
+        telemetry = {robot: self.watch(interfaces.TELEMETRY, robot) for robot in robots}
+        for robot in robots:
+            answer = self.ask(Trigger, interfaces.service_of(robot, "land"))
+            assert answer.success, answer.message
+        for robot, seen in telemetry.items():
+
+            def rests(seen: list[Any] = seen) -> bool:
+                modes = [message.data[FIELDS.index("mode")] for message in seen]
+                return Mode.REST in modes and modes[-1] == Mode.IDLE
+
+            self.wait(rests, f"{robot} to touch down and rest")
+
+    def _wait_for_link(self, robot: str) -> None:
+        """Wait until somebody else listens to a robot's commands."""
         name = interfaces.COMMAND.of(robot)
 
         def is_heard() -> bool:
             listeners = {info.node_name for info in self.node.get_subscriptions_info_by_topic(name)}
             return bool(listeners - {self.node.get_name()})
 
-        if linked:
-            self.wait(is_heard, f"{robot} to listen to its commands")
-        message = PoseStamped()
-        messages.fill_pose(message, 0, position, (0.0, 0.0, 0.0, 1.0))
-        self.publish(interfaces.GOAL, robot, message)
+        self.wait(is_heard, f"{robot} to listen to its commands")
 
     def set_parameters(self, values: dict[str, object], *, atomically: bool = False) -> list[tuple[bool, str]]:
         """Set parameters of the controller through its services; return (successful, reason) of each, or of all."""

@@ -26,7 +26,7 @@ from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.core.wire import WireSetpoint
 from flatsat_ros.nodes import interfaces, messages
 from flatsat_ros.nodes.interfaces import Topic
-from flatsat_ros.sim.firmware import State
+from flatsat_ros.sim.firmware import SHUTDOWN_AGE, State
 from flatsat_ros.sim.fleet import SimulatedFleet
 
 if TYPE_CHECKING:
@@ -74,6 +74,22 @@ def robots(drones: Endpoint) -> list[str]:
 
 def state(drones: Endpoint, index: int = 0) -> State:
     return State(drones.fleet.firmware.state[index])
+
+
+def require_landed(lab: Lab, drones: Endpoint, places: Sequence[Sequence[float]]) -> None:
+    """Require that the drones stand near their places and that the silence after a flight locks none of them."""
+    silent_since = drones.fleet.time
+    stopped = {State.FREE_FALL, State.LOCKED, State.CRASHED}
+
+    def is_over() -> bool:
+        assert not stopped & {State(number) for number in drones.fleet.firmware.state}
+        return drones.fleet.time > silent_since + 1.5 * SHUTDOWN_AGE / 1000.0
+
+    lab.wait(is_over, "the watchdogs to run out")
+    position = drones.fleet.bodies.position
+    assert np.abs(position[:, 2]).max() < 0.02
+    assert np.abs(position[:, :2] - np.array(places)[:, :2]).max() < NEAR
+    assert not drones.fleet.firmware.thrust_locked.any()
 
 
 def values(status: list[Any]) -> dict[str, str]:
@@ -133,13 +149,16 @@ def test_what_no_packet_may_carry_is_clipped_or_refused_and_counted(simulate: Si
         stream.cancel()
 
 
-def test_test_1_of_the_paper_is_flown_over_the_whole_chain(simulate: Simulate, lab: Lab, column: Any) -> None:
+def test_test_1_of_the_paper_is_flown_and_landed_over_the_whole_chain(
+    simulate: Simulate, lab: Lab, column: Any
+) -> None:
     goal = (0.6, 0.6, 0.8)
     drones = simulate((-0.6, -0.6, 0.0))
     poses, commands = lab.watch(interfaces.POSE, "cf1"), lab.watch(interfaces.COMMAND, "cf1")
     telemetry = lab.watch(interfaces.TELEMETRY, "cf1")
     bridge(lab, drones)
     lab.fly("cf1")
+    lab.take_off("cf1")
     lab.go_to("cf1", goal)
     lab.wait_for_flight("cf1", poses, goal, NEAR)
     inputs = lab.require_within_limits(commands)
@@ -152,16 +171,20 @@ def test_test_1_of_the_paper_is_flown_over_the_whole_chain(simulate: Simulate, l
         any(np.allclose((roll, pitch, thrust), one, rtol=1e-6) for one in sent)
         for roll, pitch, _, thrust in setpoints(drones)[-5:]
     )
+    lab.land("cf1")
+    require_landed(lab, drones, [goal])
+    lab.require_within_limits(commands)
 
 
-def test_three_drones_swap_places_over_the_whole_chain(simulate: Simulate, lab: Lab) -> None:
+def test_three_drones_take_off_swap_places_and_land_over_the_whole_chain(simulate: Simulate, lab: Lab) -> None:
     places = np.array([[0.0, -0.6, 1.0], [0.6, 0.6, 1.0], [-0.6, 0.6, 1.0]])
     drones = simulate(*(places * (1.0, 1.0, 0.0)))
     names = robots(drones)
     poses = [lab.watch(interfaces.POSE, robot) for robot in names]
     commands = [lab.watch(interfaces.COMMAND, robot) for robot in names]
     bridge(lab, drones)
-    lab.fly(*names)
+    lab.fly(*names, takeoff_height=1.0)
+    lab.take_off(*names)
     for robot, place in zip(names, places, strict=True):
         lab.go_to(robot, place)
     for robot, seen, place in zip(names, poses, places, strict=True):
@@ -176,6 +199,8 @@ def test_three_drones_swap_places_over_the_whole_chain(simulate: Simulate, lab: 
         lab.publish(interfaces.TRAJECTORY, robot, messages.message_from_trajectory(path, start))
     for robot, seen, goal in zip(names, poses, goals, strict=True):
         lab.wait_for_flight(robot, seen, goal, NEAR)
+    lab.land(*names)
+    require_landed(lab, drones, goals)
     for seen in commands:
         lab.require_within_limits(seen)
     tracks = [

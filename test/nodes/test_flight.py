@@ -16,6 +16,7 @@ from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.supervisor import Mode
 from flatsat_ros.core.telemetry import FIELDS
 from flatsat_ros.nodes import interfaces, messages
+from flatsat_ros.sim.firmware import SHUTDOWN_AGE, State
 
 if TYPE_CHECKING:
     from conftest import Lab
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     Column = Any
 
 NEAR = 0.15  # m
+STOPPED = {State.FREE_FALL.name, State.LOCKED.name, State.CRASHED.name}
 
 
 def stamped(poses: list[Any]) -> tuple[np.ndarray, np.ndarray]:
@@ -46,12 +48,15 @@ def test_a_drone_takes_off_and_hovers(lab: Lab, column: Column) -> None:
 
 
 @pytest.mark.parametrize("mu", [1.0, 2.0])
-def test_a_set_point_is_reached_as_in_test_1_of_the_paper(lab: Lab, column: Column, mu: float) -> None:
+def test_test_1_of_the_paper_is_flown_from_the_floor_to_the_floor(lab: Lab, column: Column, mu: float) -> None:
     start, goal = (-0.6, -0.6, 0.0), (0.6, 0.6, 0.8)
     poses, commands = lab.watch(interfaces.POSE, "cf1"), lab.watch(interfaces.COMMAND, "cf1")
     telemetry = lab.watch(interfaces.TELEMETRY, "cf1")
     lab.start("sim_drone", robot_names=["cf1"], start_positions=list(start))
-    lab.fly("cf1", mu=mu)
+    drone = lab.watch_diagnostics("sim_drone: cf1")
+    # the goal comes while the thrust lock opens, so that the law begins with the error of the paper
+    lab.fly("cf1", mu=mu, unlock_time=3.0)
+    lab.take_off("cf1")
     lab.go_to("cf1", goal)
     lab.wait_for_flight("cf1", poses, goal, NEAR)
     lab.require_within_limits(commands)
@@ -65,6 +70,16 @@ def test_a_set_point_is_reached_as_in_test_1_of_the_paper(lab: Lab, column: Colu
     growth = lab.certificate.period * mu * np.maximum(value - 0.05, 0.0)
     assert np.diff(gamma) == pytest.approx(growth[:-1], abs=1e-9)
     assert value[-1] < 0.05
+    lab.land("cf1")
+    assert stamped(poses[-1:])[1][0] == pytest.approx((*goal[:2], 0.0), abs=NEAR)
+    assert poses[-1].pose.position.z < 0.02
+    # nor does the firmware lock the drone in the silence that follows
+    rested = len(drone)
+    lab.wait(lambda: len(drone) > rested + SHUTDOWN_AGE / 1000.0 + 1.0, "reports about the drone at rest")
+    reports = [{pair.key: pair.value for pair in status.values} for status in drone[rested:]]
+    assert not STOPPED & {report["state"] for report in reports}
+    assert (reports[-1]["on the floor"], reports[-1]["thrust locked"]) == ("True", "False")
+    lab.require_within_limits(commands)
 
 
 def test_three_drones_swap_places(lab: Lab) -> None:
