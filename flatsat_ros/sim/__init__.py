@@ -2,12 +2,12 @@
 
 Wire-level set-points go in, poses come out:
 
-    fleet   command(...) -> firmware -> power train -> body -> motion capture -> measurements(t)
+    fleet   command(...), take_off(...) -> firmware -> power train -> body -> motion capture -> measurements(t)
 
 Modelled: the rules by which the firmware gives and takes away thrust, motor commands in steps, battery, identified
 attitude and thrust response, drag, wind with gusts, floor. Left out: ground effect, downwash and collisions between
-drones, the drone's own state estimate (the attitude it controls is the true one) and everything the high-level
-commander does except falling silent.
+drones, the drone's own state estimate (what it controls is the true state) and of the high-level commander uploaded
+trajectories and spirals.
 """
 
 from flatsat_ros.sim.fleet import SimulatedFleet

@@ -157,8 +157,7 @@ class Firmware:
         self._lost = np.zeros((3, count), dtype=bool)  # axes whose PID integral is NaN
         # commander.c: the priority is the high-level commander's, which then owns the set-point
         self._relaxed = np.zeros(count, dtype=bool)
-        # who controls the position: 0 nobody, 1 the position controller, 2 its height only
-        self._mode = np.zeros(count, dtype=np.int64)
+        self._positioned = np.zeros(count, dtype=bool)  # the position controller makes the set-point
         # times, ms
         self._received, self._thrusting, self._tilted, self._ready, self._landed, self._not_low, self._not_critical = (
             np.zeros((7, count), dtype=np.int64)
@@ -174,11 +173,9 @@ class Firmware:
         self.state[index] = State.NOT_INITIALIZED
         self.thrust_locked[index] = True  # crtp_commander_rpyt.c, initial value
         self._relaxed[index] = True  # commander.c commanderInit: no priority yet
-        self.high_level.stop(index)  # planner.c plan_init
-        self.high_level.blocked[index] = True
         self._setpoint[:, index] = 0.0
         self._yaw_is_angle[index] = self._absolute_yaw
-        self._mode[index] = 0
+        self._positioned[index] = False
         self._lost[:, index] = False
         for times in (self._received, self._thrusting, self._tilted, self._ready, self._landed):
             times[index] = NEVER
@@ -226,7 +223,7 @@ class Firmware:
         self._yaw_is_angle[index] = self._absolute_yaw
         self._received[index] = now
         self._relaxed[index] = False
-        self._mode[index] = 0
+        self._positioned[index] = False
         self.high_level.stop(index)
 
     def notify_setpoints_stop(self, index: int) -> None:
@@ -248,16 +245,15 @@ class Firmware:
             velocity: (N, 3) of it, m/s, world.
             yaw: (N,) of it, rad.
         """
-        can_fly = CAN_FLY[self.state] & self.powered
+        can_fly = CAN_FLY[self.state]
         self.high_level.update(now, ~can_fly, position, velocity, yaw)
         heard = self._relaxed & can_fly
         if not heard.any():
             return
         flown = heard & self.high_level.following
         self._setpoint[:, heard & ~flown] = 0.0  # crtp_commander_high_level.c nullSetpoint
-        mode = np.where(flown, np.where(self.state == State.LEVEL_OUT, 2, 1), 0)
-        fresh = mode != self._mode
-        self._mode = mode
+        fresh = flown & ~self._positioned
+        self._positioned = flown
         if not flown.any():
             return
         self._lost[:, fresh] = False  # controller_pid.c setpointModeChanged: all PIDs are reset

@@ -312,6 +312,38 @@ def test_a_thrust_that_no_packet_can_carry_is_refused(sent: float) -> None:
         fleet.firmware.receive(0, 0.0, 0.0, 0.0, sent, 0)
 
 
+@pytest.mark.parametrize(
+    ("call", "refused"),
+    [
+        (lambda fleet: fleet.take_off(1, 1.0, 2.0), "index is 1: valid is 0 to 0"),
+        (lambda fleet: fleet.take_off(0, np.nan, 2.0), "height is nan: valid is a finite height, m"),
+        (lambda fleet: fleet.take_off(0, 1.0, -2.0), "duration is -2.0: valid is 0 s or more"),
+        (lambda fleet: fleet.take_off(0, 1.0, 2.0, np.inf), "yaw is inf: valid is a finite angle, rad, or None"),
+        (lambda fleet: fleet.land(0, np.inf, 2.0), "height is inf"),
+        (lambda fleet: fleet.land(0, 0.0, np.inf), "duration is inf"),
+        (lambda fleet: fleet.go_to(0, [0.0, np.nan, 1.0], 0.0, 1.0), "position contains nan"),
+        (lambda fleet: fleet.go_to(0, [0.0, 1.0], 0.0, 1.0), "position has shape"),
+        (lambda fleet: fleet.go_to(0, [[0.0, 1.0, 2.0]], 0.0, 1.0), r"position's shape is \(1, 3\): valid is \(3,\)"),
+        (lambda fleet: fleet.go_to(0, [0.0, 0.0, 1.0], np.nan, 1.0), "yaw is nan: valid is a finite angle, rad"),
+        (lambda fleet: fleet.go_to(0, [0.0, 0.0, 1.0], 0.0, np.nan), "duration is nan: valid is 0 s or more"),
+        (lambda fleet: fleet.notify_setpoints_stop(-1), "index is -1"),
+        (lambda fleet: fleet.stop(7), "index is 7"),
+    ],
+)
+def test_a_bad_high_level_command_is_refused_by_name(call: object, refused: str) -> None:
+    with pytest.raises(FlatsatError, match=refused):
+        call(SimulatedFleet(CF21, 1))  # type: ignore[operator]
+
+
+def test_a_command_under_way_does_not_change_with_its_senders_array() -> None:
+    fleet, place = SimulatedFleet(CF21, 1, flying=True, start=[[0.0, 0.0, 1.0]]), np.array([0.0, 0.0, 1.5])
+    fleet.notify_setpoints_stop(0)
+    fleet.go_to(0, place, 0.0, 1.0)
+    place[2] = 0.5
+    fleet.advance_to(3.0)
+    assert fleet.poses()[0][0, 2] > 1.4
+
+
 def test_a_profile_may_clip_the_thrust_lower() -> None:
     profile = dataclasses.replace(CF21, pwm_max=50000.0)
     fleet = SimulatedFleet(profile, 1, dynamics="ideal", start=[[0, 0, 9]], flying=True)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.sim.dynamics import GRAVITY
 from flatsat_ros.sim.firmware import State
@@ -50,11 +49,13 @@ def streamed(height: float = 3.0) -> SimulatedFleet:
     return fleet
 
 
-def stream(fleet: SimulatedFleet, seconds: float, thrust: float = HOVER, roll: float = 0.0) -> None:
+def stream(
+    fleet: SimulatedFleet, seconds: float, thrust: float = HOVER, roll: float = 0.0, yaw_rate: float = 0.0
+) -> None:
     """Send a set-point every 10 ms."""
     start = fleet.time
     for k in range(round(seconds * 100)):
-        fleet.command(0, roll, 0.0, 0.0, thrust)
+        fleet.command(0, roll, 0.0, yaw_rate, thrust)
         fleet.advance_to(start + (k + 1) / 100)
 
 
@@ -249,11 +250,12 @@ def test_streamed_set_points_take_over_at_once_but_with_thrust_only_if_it_was_un
     wait(fleet, 6.0)
     assert height(fleet) == pytest.approx(1.0, abs=0.1)
     before = height(fleet)
-    stream(fleet, 0.3, roll=10.0)
+    stream(fleet, 0.3, roll=10.0, yaw_rate=90.0)
     assert off(fleet) != unlocked
     if unlocked:
         assert height(fleet) == pytest.approx(before, abs=0.05)
         assert fleet.bodies.angles[0, 0] == pytest.approx(np.deg2rad(10.0), rel=0.1)
+        assert -27.0 < np.rad2deg(fleet.bodies.angles[0, 2]) < -9.0  # a rate again
     else:
         assert height(fleet) < before - 0.05
 
@@ -314,6 +316,33 @@ def test_a_change_of_control_resets_the_controller_after_nan() -> None:
     assert_allclose(fleet.bodies.position[0, :2], 0.0, atol=0.05)
 
 
+def test_one_streamed_set_point_empties_the_integrals() -> None:
+    """controller_pid.c setpointModeChanged: the thrust of hover has to be found again."""
+    fleet = hovering()
+    before = height(fleet)
+    fleet.command(0, 0.0, 0.0, 0.0, HOVER)
+    fleet.notify_setpoints_stop(0)
+    fleet.go_to(0, [0.0, 0.0, 0.0], 0.0, 1.0, relative=True)
+    assert 0.03 < before - heights(fleet, 2.0).min() < 0.1
+
+
+@pytest.mark.parametrize(("profile", "base"), [(CF21, 36000.0), (BRUSHLESS, 30000.0)])
+def test_the_first_thrust_is_the_base_of_the_platform(profile: VehicleProfile, base: float) -> None:
+    """platform_defaults_cf2.h, platform_defaults_cf21bl.h PID_VEL_THRUST_BASE."""
+    fleet = booted(profile, dynamics="ideal")
+    fleet.take_off(0, 1.0, 2.0)
+    wait(fleet, 0.02)
+    assert fleet.power.ratio[0] * 65535 == pytest.approx(base, abs=10.0)
+
+
+def test_a_reboot_forgets_the_trajectory() -> None:
+    """planner.c plan_init, commander.c commanderInit."""
+    fleet = hovering()
+    fleet.reboot(0)
+    wait(fleet, 3.0)
+    assert height(fleet) == 0.0
+
+
 def test_a_batch_is_the_drones_one_by_one() -> None:
     start = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
     ends = []
@@ -344,26 +373,3 @@ def test_the_commander_turns_at_a_hundred_hertz() -> None:
     assert not off(fleet)
     wait(fleet, 0.002)
     assert off(fleet)
-
-
-@pytest.mark.parametrize(
-    ("call", "refused"),
-    [
-        (lambda fleet: fleet.take_off(1, 1.0, 2.0), "index is 1: valid is 0 to 0"),
-        (lambda fleet: fleet.take_off(0, math.nan, 2.0), "height is nan: valid is a finite height, m"),
-        (lambda fleet: fleet.take_off(0, 1.0, -2.0), "duration is -2.0: valid is 0 s or more"),
-        (lambda fleet: fleet.take_off(0, 1.0, 2.0, math.inf), "yaw is inf: valid is a finite angle, rad, or None"),
-        (lambda fleet: fleet.land(0, math.inf, 2.0), "height is inf"),
-        (lambda fleet: fleet.land(0, 0.0, math.inf), "duration is inf"),
-        (lambda fleet: fleet.go_to(0, [0.0, math.nan, 1.0], 0.0, 1.0), "position contains nan"),
-        (lambda fleet: fleet.go_to(0, [0.0, 1.0], 0.0, 1.0), "position has shape"),
-        (lambda fleet: fleet.go_to(0, [[0.0, 1.0, 2.0]], 0.0, 1.0), r"position's shape is \(1, 3\): valid is \(3,\)"),
-        (lambda fleet: fleet.go_to(0, [0.0, 0.0, 1.0], math.nan, 1.0), "yaw is nan: valid is a finite angle, rad"),
-        (lambda fleet: fleet.go_to(0, [0.0, 0.0, 1.0], 0.0, math.nan), "duration is nan: valid is 0 s or more"),
-        (lambda fleet: fleet.notify_setpoints_stop(-1), "index is -1"),
-        (lambda fleet: fleet.stop(7), "index is 7"),
-    ],
-)
-def test_a_bad_value_is_refused_by_name(call: object, refused: str) -> None:
-    with pytest.raises(FlatsatError, match=refused):
-        call(SimulatedFleet(CF21, 1))  # type: ignore[operator]

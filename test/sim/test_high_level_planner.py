@@ -84,6 +84,48 @@ def test_a_second_take_off_or_landing_is_refused() -> None:
     assert planner.take_off(0, 1.0, 2.0, None, 5000)
 
 
+def test_take_off_and_landing_are_planned_from_the_last_goal_or_if_stopped_from_the_state() -> None:
+    """crtp_commander_high_level.c pos, yaw: the last set-point, or the last state told."""
+    planner = planners()
+    planner.go_to(0, (1.0, 2.0, 1.0), 0.0, 1.0, False, 0)
+    look(planner, 1000, (0.9, 2.1, 1.1))
+    planner.land(0, 0.0, 1.0, None, 1000)
+    assert_allclose(look(planner, 1500, (0.9, 2.1, 1.1))[:2], (1.0, 2.0), atol=1e-12)
+    planner.stop(0)
+    look(planner, 1600, (0.8, 2.2, 0.0))
+    planner.take_off(0, 1.0, 1.0, None, 1600)
+    planner.land(0, 0.0, 1.0, None, 1605)  # before the commander's next turn
+    assert_allclose(look(planner, 1610), (0.8, 2.2, 0.0, 0.0), atol=1e-12)
+
+
+def test_a_stopped_planner_goes_on_with_the_velocity_it_was_told() -> None:
+    """crtp_commander_high_level.c go_to2, plan_go_to_from."""
+    planner, unblocked = planners(), np.zeros(1, dtype=bool)
+    planner.update(0, unblocked, np.zeros((1, 3)), np.array([[1.0, -2.0, 0.5]]), np.zeros(1))
+    planner.go_to(0, (0.0, 0.0, 0.0), 0.0, 2.0, True, 0)
+    assert_allclose(look(planner, 10), (0.01, -0.02, 0.005, 0.0), rtol=1e-3)
+
+
+def test_a_turn_under_way_goes_on_slower_by_the_tilt() -> None:
+    """pptraj.c poly4d_eval: omega.z is the yaw rate times the upward part of the thrust's direction."""
+    planner = planners()
+    planner.go_to(0, (20.0, 0.0, 0.0), 1.0, 2.0, False, 0)
+    before, now, after = (look(planner, t).copy() for t in (499, 500, 501))
+    acceleration = (before[0] - 2.0 * now[0] + after[0]) / 0.001**2
+    planner.go_to(0, (20.0, 0.0, 0.0), 1.0, 50.0, False, 500)
+    slower = (look(planner, 501)[3] - now[3]) / (after[3] - before[3]) * 2.0
+    assert acceleration > 5.0
+    assert slower == pytest.approx(9.81 / math.hypot(acceleration, 9.81), rel=0.01)
+
+
+def test_a_blocked_planner_refuses_everything() -> None:
+    """crtp_commander_high_level.c isBlocked: EBUSY."""
+    planner = HighLevelCommander(1)
+    assert not planner.take_off(0, 1.0, 2.0, None, 0)
+    assert not planner.land(0, 1.0, 2.0, None, 0)
+    assert not planner.go_to(0, (0.0, 0.0, 1.0), 0.0, 2.0, False, 0)
+
+
 def test_a_duration_of_zero_is_a_jump() -> None:
     """pptraj.c poly7_nojerk, T <= 0."""
     planner = planners()
@@ -105,11 +147,16 @@ def test_a_duration_of_zero_is_a_jump() -> None:
 def test_the_position_controller_is_that_of_the_firmware(
     error: tuple[float, float, float], expected: tuple[float, float, float]
 ) -> None:
-    """position_controller_pid.c, platform_defaults_cf2.h: its first answer to a position error, deg and PWM."""
+    """position_controller_pid.c, platform_defaults_cf2.h: its first answer to a position error, deg and PWM.
+
+    Fresh is as good as new: pid.c pidReset.
+    """
     for yaw in (0.0, math.pi / 2):  # along the heading
         cos, sin = math.cos(yaw), math.sin(yaw)
         goal = np.array([[cos * error[0] - sin * error[1]], [sin * error[0] + cos * error[1]], [error[2]]])
         still, fresh = np.zeros((3, 1)), np.ones(1, dtype=bool)
-        answer = PositionController(1, 36000.0).control(goal, still, still, np.array([yaw]), fresh)
+        controller = PositionController(1, 36000.0)
+        controller.control(still + 1.0, still, still, np.zeros(1), fresh)
+        answer = controller.control(goal, still, still, np.array([yaw]), fresh)
         roll, pitch, thrust = (value[0] for value in answer)
         assert_allclose((np.rad2deg(roll), np.rad2deg(pitch), thrust), expected, rtol=1e-12, atol=1e-9)
