@@ -45,7 +45,7 @@ class Tick:
         mode: (N,) values of `Mode`.
         input: (N, 3) commanded (T, phi, theta): m/s^2, rad, rad; zero thrust in UNLOCK and CUT, level in LEVEL.
         yaw_rate: (N,) commanded psi rate, rad/s, counter-clockwise.
-        yaw: (N,) commanded psi in [-pi, pi), rad, for drones that take an angle; it leads them by a limited angle.
+        yaw: (N,) commanded psi in [-pi, pi], rad, for drones that take an angle; it leads them by a limited angle.
         output: the law's output; it is the command in FLY only.
         reference: (N, 9) position, velocity, acceleration.
         disturbance: (N, 3) compensated disturbance, m/s^2, world frame.
@@ -88,6 +88,7 @@ class Pilot:
         self._offset = np.zeros(count)  # height above the reference when the landing began, m
         self._resting_since = np.full(count, np.inf)
         self._armed = np.ones(count, dtype=bool)
+        self._opening = np.zeros(count, dtype=bool)  # armed on the ground, to be unlocked
         self._state, self._usable = np.zeros((count, 6)), np.zeros(count, dtype=bool)  # of the last tick
         self._referred = np.zeros(count, dtype=bool)  # a reference was given since the last tick in flight
         self._heading = np.zeros(count)  # last commanded psi, rad
@@ -118,6 +119,9 @@ class Pilot:
     def arm(self, index: int, armed: bool) -> None:
         """Allow drone index to take off, or forbid it; all are armed at first.
 
+        Arming a drone that is known to stand on the ground also opens its thrust lock: somebody else may fly it first,
+        by a way that leaves the lock closed.
+
         Raises:
             FlatsatError: it is in use and cannot be disarmed.
         """
@@ -125,6 +129,8 @@ class Pilot:
         if not armed and mode not in (Mode.IDLE, Mode.CUT):
             raise FlatsatError(f"the drone is in {mode.name}: it can be disarmed in IDLE or CUT only; land it first")
         self._armed[index] = armed
+        stands = self._usable[index] and self._state[index, 2] < self.policy.ground_height
+        self._opening[index] = armed and mode is Mode.IDLE and stands
         if not armed:
             self._requested[index] = False
 
@@ -269,9 +275,11 @@ class Pilot:
                 height=float(self._state[i, 2]),
                 down=bool(down[i]),
                 policy=self.policy,
+                opening=bool(self._opening[i]),
             )
             if after is before:
                 continue
+            self._opening[i] &= after is Mode.UNLOCK
             self.mode[i], self._since[i] = after, now
             if after in (Mode.CUT, Mode.REST):
                 self._requested[i] = self._landing[i] = False
@@ -280,7 +288,7 @@ class Pilot:
 
 
 def _wrapped(angle: FloatArray) -> FloatArray:
-    """Return the same angles in [-pi, pi)."""
+    """Return the same angles in [-pi, pi]."""
     return np.asarray(np.mod(angle + np.pi, 2.0 * np.pi) - np.pi)
 
 

@@ -5,11 +5,14 @@
       +-------------------------- reference, estimate, in the air --------+     UNLOCK <--new reference--+
 
     FLY --landing, touched down--> REST --rest time--> IDLE
+    IDLE --armed on the ground--> UNLOCK --unlock time--> IDLE
 
 IDLE is silent, so that starting the controller never takes a drone away from whoever flies it. A command is computed
 from poses in FLY only. In LEVEL, when the estimate is not usable, the drone is kept level and sinks slowly; with poses
 back in time it flies on. CUT stops the motors and stays until the user gives a new reference. REST streams zero thrust
 after a landing for longer than the firmware's watchdogs wait: silence right after it would lock the drone until reboot.
+A drone that somebody else shall fly first is unlocked as it is armed: taken over in the air, still locked,
+it would fall.
 """
 
 from __future__ import annotations
@@ -69,7 +72,15 @@ class Policy:
 
 
 def next_mode(
-    mode: Mode, elapsed: float, *, requested: bool, usable: bool, height: float, down: bool, policy: Policy
+    mode: Mode,
+    elapsed: float,
+    *,
+    requested: bool,
+    usable: bool,
+    height: float,
+    down: bool,
+    policy: Policy,
+    opening: bool = False,
 ) -> Mode:
     """Return the mode that follows.
 
@@ -81,6 +92,7 @@ def next_mode(
         height: estimated z, m.
         down: the drone was asked to land and has touched down.
         policy: the figures.
+        opening: the drone was armed on the ground, to be unlocked without flying.
     """
     if mode is Mode.FLY:
         if not usable:
@@ -92,9 +104,12 @@ def next_mode(
         if usable:
             return Mode.FLY
         return Mode.CUT if elapsed >= policy.level_time else Mode.LEVEL
-    if not (requested and usable):
+    if not (usable and (requested or opening)):
         return Mode.IDLE if mode is Mode.UNLOCK else mode
     if mode is Mode.UNLOCK:
-        return Mode.FLY if elapsed >= policy.unlock_time else Mode.UNLOCK
+        unlocked = Mode.FLY if requested else Mode.IDLE
+        return unlocked if elapsed >= policy.unlock_time else Mode.UNLOCK
+    if not requested:
+        return Mode.UNLOCK
     in_the_air = mode is Mode.IDLE and height >= policy.ground_height
     return Mode.FLY if in_the_air else Mode.UNLOCK

@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, Twist
 from rclpy.node import Node
-from std_srvs.srv import Empty, SetBool
+from std_srvs.srv import Empty
 
 from flatsat_ros.core.crazyflies import Robot
 from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.link import Address, Farewell, Lane, sendable
 from flatsat_ros.core.supervisor import Policy
-from flatsat_ros.nodes import interfaces, messages, runtime
+from flatsat_ros.nodes import crazyswarm, interfaces, messages, runtime
 from flatsat_ros.nodes.parameters import declare, declare_choice, declare_robots, declare_vehicles, declare_yaw_mode
 
 if TYPE_CHECKING:
@@ -182,7 +182,7 @@ class CflibBridge(Node):  # type: ignore[misc]
         )
         emergency, arm = (interfaces.drone_service_of(robot, name) for name in (interfaces.EMERGENCY, interfaces.ARM))
         self.create_service(Empty, emergency, lambda _, answer: self._on_emergency([link], answer))
-        self.create_service(SetBool, arm, lambda request, answer: self._on_arm(link, request.data, answer))
+        crazyswarm.serve_arming(self, arm, lambda wanted: self._on_arm(link, wanted))
 
     def _locate(self, suffix: str, with_attitude: bool) -> None:
         """Send external poses on to the drones.
@@ -229,10 +229,9 @@ class CflibBridge(Node):  # type: ignore[misc]
         self.get_logger().error(f"emergency stop of {', '.join(link.robot for link in links)}")
         return answer
 
-    def _on_arm(self, link: Link, wanted: bool, answer: SetBool.Response) -> SetBool.Response:
-        answer.success = link.arm(wanted)
-        answer.message = "sent" if answer.success else f"{link.robot}: not connected: {link.condition}"
-        return answer
+    def _on_arm(self, link: Link, wanted: bool) -> tuple[bool, str]:
+        sent = link.arm(wanted)
+        return sent, "sent" if sent else f"{link.robot}: not connected: {link.condition}"
 
     def _on_diagnostics(self) -> None:
         message = interfaces.DIAGNOSTICS_KIND()

@@ -32,6 +32,7 @@ from flatsat_ros.core.sets import Place
 from flatsat_ros.core.supervisor import Mode, Policy
 from flatsat_ros.core.wire import PITCH_SIGN, setpoint_from_input
 from flatsat_ros.nodes import interfaces, messages, runtime
+from flatsat_ros.nodes.crazyswarm import DroneLink
 from flatsat_ros.nodes.parameters import (
     declare,
     declare_choice,
@@ -123,6 +124,7 @@ class ControllerNode(Node):  # type: ignore[misc]
         )
         for robot in (*self.robots, interfaces.ALL):
             self._serve(robot)
+        self._links = [DroneLink(self, robot) for robot in self.robots]
         self.create_timer(self._certificate.period, self._on_tick)
         self.create_timer(_DIAGNOSTICS_PERIOD, self._on_diagnostics)
         self.get_logger().info(
@@ -156,7 +158,7 @@ class ControllerNode(Node):  # type: ignore[misc]
     def _serve(self, robot: str) -> None:
         """Offer the services of one robot, or of all."""
         indices = range(len(self.robots)) if robot == interfaces.ALL else [self.robots.index(robot)]
-        actions: dict[str, Callable[[int], None]] = {
+        actions: dict[str, Callable[[int], str | None]] = {
             "takeoff": lambda index: self._pilot.take_off(index, self._takeoff_height),
             "land": self._pilot.land,
             "hand_over": self._pilot.hand_over,
@@ -171,19 +173,24 @@ class ControllerNode(Node):  # type: ignore[misc]
             SetBool,
             interfaces.service_of(robot, interfaces.ARM),
             lambda request, answer: self._answer(
-                answer, "arm" if request.data else "disarm", indices, lambda i: self._pilot.arm(i, request.data)
+                answer, "arm" if request.data else "disarm", indices, lambda index: self._arm(index, request.data)
             ),
         )
 
-    def _answer(self, answer: Answer, name: str, indices: Sequence[int], act: Callable[[int], None]) -> Answer:
+    def _arm(self, index: int, wanted: bool) -> str:
+        """Allow or forbid take-off, and arm or disarm the drone itself; return what it was asked for."""
+        self._pilot.arm(index, wanted)
+        return self._links[index].arm(wanted)
+
+    def _answer(self, answer: Answer, name: str, indices: Sequence[int], act: Callable[[int], str | None]) -> Answer:
         """Do something with some drones and say how it went for each; a refusal for one does not stop the others."""
-        refused = []
+        refused, done = [], []
         for index in indices:
             try:
-                act(index)
+                done.append(act(index))
             except FlatsatError as error:
                 refused.append(f"{self.robots[index]}: {name} refused: {error}")
-        answer.success, answer.message = not refused, "; ".join(refused)
+        answer.success, answer.message = not refused, "; ".join(refused + [sentence for sentence in done if sentence])
         for sentence in refused:
             self.get_logger().error(sentence)
         return answer
@@ -218,6 +225,7 @@ class ControllerNode(Node):  # type: ignore[misc]
         self._take_poses(now)
         tick = self._pilot.tick(now)
         self._durations.append(tick.duration * 1e6)
+        self._release(self._last, tick)
         self._last = tick
         rows = telemetry.rows(tick)
         for index in range(len(self.robots)):
@@ -225,6 +233,15 @@ class ControllerNode(Node):  # type: ignore[misc]
                 self._publish_command(index, tick.input[index], float(tick.yaw_rate[index]), float(tick.yaw[index]))
             messages.fill_telemetry(self._telemetry, rows[index])
             self._telemetry_publishers[index].publish(self._telemetry)
+
+    def _release(self, before: Tick | None, now: Tick) -> None:
+        """Tell the drones whose set-points have ended, if their links have a way to; one in flight shall stay there."""
+        if before is None:
+            return
+        for index in np.flatnonzero((before.mode != Mode.IDLE.value) & (now.mode == Mode.IDLE.value)):
+            told = self._links[index].release(in_flight=before.mode[index] == Mode.FLY.value)
+            if told:
+                self.get_logger().info(told)
 
     def _publish_command(self, index: int, command: FloatArray, yaw_rate: float, yaw: float) -> None:
         thrust, roll, pitch = command.tolist()
@@ -272,6 +289,9 @@ class ControllerNode(Node):  # type: ignore[misc]
 
     def _on_diagnostics(self) -> None:
         durations, self._durations = np.array(self._durations or [0.0]), []
+        offered = dict(self.get_service_names_and_types())
+        for link in self._links:
+            link.look(offered)
         if self._last is None:
             return
         now = self._seconds(self.get_clock().now().nanoseconds)

@@ -60,6 +60,8 @@ def service_of(robot: str, name: str) -> str:
 # services of the drone itself, named as crazyswarm2's server names them
 EMERGENCY = "emergency"
 REBOOT = "reboot"
+# flight by the high-level commander, where crazyflie_interfaces is installed
+TAKEOFF, LAND, GO_TO, NOTIFY = "takeoff", "land", "go_to", "notify_setpoints_stop"
 
 
 def drone_service_of(robot: str, name: str) -> str:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import array
 import struct
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-from geometry_msgs.msg import PoseStamped, Quaternion, Transform, Twist, Vector3
+from geometry_msgs.msg import Point, PoseStamped, Quaternion, Transform, Twist, Vector3
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
@@ -156,6 +157,25 @@ def message_from_trajectory(trajectory: Trajectory, start: int) -> MultiDOFJoint
     return message
 
 
+def rise_from_request(request: Any) -> tuple[float, float]:
+    """Return height, m, and duration, s, of crazyflie_interfaces' Takeoff or Land."""
+    return request.height, _nanoseconds(request.duration) / NANOSECONDS
+
+
+def way_from_request(request: Any) -> dict[str, Any]:
+    """Return the way that crazyflie_interfaces' GoTo asks for, as `SimulatedFleet.go_to` takes it.
+
+    The interface says that its yaw is in degrees; crazyswarm2's server hands it on as the firmware's radians, and its
+    users' scripts count on that.
+    """
+    return {
+        "position": _vector(request.goal),
+        "yaw": request.yaw,
+        "duration": _nanoseconds(request.duration) / NANOSECONDS,
+        "relative": request.relative,
+    }
+
+
 def battery_message(nanoseconds: int, voltage: float) -> BatteryState:
     """Return the state of a battery of which only the voltage, V, is known; NaN stands for the rest, as it should."""
     unknown = float("nan")
@@ -192,7 +212,7 @@ def _nanoseconds(duration: Duration) -> int:
     return int(duration.sec * NANOSECONDS + duration.nanosec)
 
 
-def _vector(v: Vector3) -> list[float]:
+def _vector(v: Vector3 | Point) -> list[float]:
     return [v.x, v.y, v.z]
 
 

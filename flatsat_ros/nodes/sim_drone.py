@@ -8,18 +8,18 @@ in the future, and no drone takes a stall of its own simulator for a lost link. 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, Twist
 from rclpy.node import Node
-from std_srvs.srv import Empty, SetBool, Trigger
+from std_srvs.srv import Empty, Trigger
 
 from flatsat_ros.core.crazyflies import Robot
 from flatsat_ros.core.errors import FlatsatError
-from flatsat_ros.nodes import interfaces, messages, runtime
+from flatsat_ros.nodes import crazyswarm, interfaces, messages, runtime
 from flatsat_ros.nodes.parameters import declare, declare_robots, declare_vehicles, declare_yaw_mode
 from flatsat_ros.sim.dynamics import Wind
 from flatsat_ros.sim.firmware import Firmware, State
@@ -32,6 +32,8 @@ _TICK = 0.005
 # the most that is caught up at once, s: less than the silence after which the firmware levels out
 _CATCH_UP = 0.25
 _DIAGNOSTICS_PERIOD = 1.0  # s
+
+Answer = TypeVar("Answer")
 
 
 class _Drone(NamedTuple):
@@ -61,8 +63,8 @@ class SimDrone(Node):  # type: ignore[misc]
         for index, robot in enumerate(self.robots):
             self._connect(index, robot)
             self._serve(index, robot)
-        everybody = interfaces.drone_service_of(interfaces.ALL, interfaces.EMERGENCY)
-        self.create_service(Empty, everybody, lambda _, answer: self._stop(range(len(self.robots)), answer))
+            self._serve_together(robot, [index])
+        self._serve_together(interfaces.ALL, range(len(self.robots)))
         self._diagnostics = self.create_publisher(
             interfaces.DIAGNOSTICS_KIND, interfaces.DIAGNOSTICS, interfaces.DIAGNOSTICS_QOS
         )
@@ -148,14 +150,40 @@ class SimDrone(Node):  # type: ignore[misc]
         )
 
     def _serve(self, index: int, robot: str) -> None:
-        """Offer what the drone's own link offers beside set-points."""
-        emergency, arm, reboot = (
-            interfaces.drone_service_of(robot, name)
-            for name in (interfaces.EMERGENCY, interfaces.ARM, interfaces.REBOOT)
-        )
-        self.create_service(Empty, emergency, lambda _, answer: self._stop([index], answer))
-        self.create_service(SetBool, arm, lambda request, answer: self._arm(index, request.data, answer))
+        """Offer what only a single drone's link offers."""
+        arm, reboot = (interfaces.drone_service_of(robot, name) for name in (interfaces.ARM, interfaces.REBOOT))
+        crazyswarm.serve_arming(self, arm, lambda armed: self._arm(index, armed))
         self.create_service(Trigger, reboot, lambda _, answer: self._reboot(index, answer))
+
+    def _serve_together(self, robot: str, indices: Sequence[int]) -> None:
+        """Offer, for one robot or for all, what all can do at once: crazyswarm2's services of the same names."""
+        emergency = interfaces.drone_service_of(robot, interfaces.EMERGENCY)
+        self.create_service(Empty, emergency, lambda _, answer: self._stop(indices, answer))
+        kinds = crazyswarm.services()
+        if kinds is None:
+            return
+        orders: dict[str, tuple[Any, Callable[[_Drone, Any], None]]] = {
+            interfaces.TAKEOFF: (kinds.Takeoff, lambda d, r: d.fleet.take_off(d.index, *messages.rise_from_request(r))),
+            interfaces.LAND: (kinds.Land, lambda d, r: d.fleet.land(d.index, *messages.rise_from_request(r))),
+            interfaces.GO_TO: (kinds.GoTo, lambda d, r: d.fleet.go_to(d.index, **messages.way_from_request(r))),
+            interfaces.NOTIFY: (kinds.NotifySetpointsStop, lambda d, _: d.fleet.notify_setpoints_stop(d.index)),
+        }
+        for name, (kind, give) in orders.items():
+            self.create_service(
+                kind,
+                interfaces.drone_service_of(robot, name),
+                lambda request, answer, give=give: self._order(indices, lambda drone: give(drone, request), answer),
+            )
+
+    def _order(self, indices: Sequence[int], give: Callable[[_Drone], None], answer: Answer) -> Answer:
+        """Give drones a command of the high-level commander."""
+        self._advance()
+        for index in indices:
+            try:
+                give(self._drones[index])
+            except FlatsatError as error:
+                self.get_logger().error(f"{self.robots[index]}: command ignored: {error}")
+        return answer
 
     def _stop(self, indices: Iterable[int], answer: Empty.Response) -> Empty.Response:
         for index in indices:
@@ -163,13 +191,12 @@ class SimDrone(Node):  # type: ignore[misc]
             drone.fleet.firmware.request_emergency(drone.index)
         return answer
 
-    def _arm(self, index: int, armed: bool, answer: SetBool.Response) -> SetBool.Response:
+    def _arm(self, index: int, armed: bool) -> tuple[bool, str]:
         fleet, number = self._drones[index]
-        answer.success = fleet.firmware.request_arming(number, armed)
-        if not answer.success:
-            state = State(fleet.firmware.state[number]).name
-            answer.message = f"{self.robots[index]}: arming refused in state {state}: must be PREFLIGHT_PASSED"
-        return answer
+        if fleet.firmware.request_arming(number, armed):
+            return True, ""
+        state = State(fleet.firmware.state[number]).name
+        return False, f"{self.robots[index]}: arming refused in state {state}: must be PREFLIGHT_PASSED"
 
     def _reboot(self, index: int, answer: Trigger.Response) -> Trigger.Response:
         fleet, number = self._drones[index]

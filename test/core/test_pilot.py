@@ -135,7 +135,7 @@ def test_a_yaw_angle_goes_the_shorter_way_and_leads_the_drone_by_a_limited_angle
     world.pilot.refer(0, Trajectory.hold([0.0, 0.0, 1.0], goal))
     for _ in range(40):
         (tick,) = world.fly(0.1)
-        assert -math.pi <= tick.yaw[0] < math.pi
+        assert -math.pi <= tick.yaw[0] <= math.pi
         # the drone has turned on since the tick, by 0.1 rad at most
         lead = math.remainder(float(tick.yaw[0] - world.yaw[0]), 2.0 * math.pi)
         assert abs(lead) <= 2.0 / 3.0 + 0.1
@@ -306,3 +306,34 @@ def test_no_garbage_makes_a_command_beyond_the_limits(stream: list[tuple]) -> No
         assert (tick.output.gain <= CERTIFICATE.gain_max).all()
         fresh = now - world.pilot.estimator.newest <= POLICY.pose_timeout
         assert fresh[tick.mode == Mode.FLY].all()
+
+
+def test_arming_on_the_ground_opens_the_thrust_lock_and_is_silent_again() -> None:
+    world = World()
+    world.fly(0.5)
+    world.pilot.arm(0, True)
+    ticks = world.fly(1.0)
+    assert modes(ticks) == [Mode.UNLOCK, Mode.IDLE]
+    assert not np.array([tick.input for tick in ticks]).any()
+    world.pilot.refer(0, Trajectory.hold(GOAL))
+    assert modes(world.fly(1.0)) == [Mode.UNLOCK, Mode.FLY]
+
+
+def test_arming_never_commands_a_drone_in_the_air_or_one_that_is_not_seen() -> None:
+    world = World(start=(0.0, 0.0, 1.0))
+    world.fly(0.5)
+    world.pilot.arm(0, True)
+    assert modes(world.fly(1.0)) == [Mode.IDLE]
+    unseen = World()
+    unseen.blind[:] = True
+    unseen.pilot.arm(0, True)
+    assert modes(unseen.fly(1.0)) == [Mode.IDLE]
+
+
+def test_a_goal_while_the_lock_opens_is_flown_to() -> None:
+    world = World()
+    world.fly(0.5)
+    world.pilot.arm(0, True)
+    world.fly(0.2)
+    world.pilot.refer(0, Trajectory.hold(GOAL))
+    assert modes(world.fly(1.0)) == [Mode.UNLOCK, Mode.FLY]

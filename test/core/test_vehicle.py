@@ -26,7 +26,8 @@ def test_every_packaged_profile_loads_under_its_own_name(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "ratio"), [("cf21", 1.55), ("cf21_plus", 1.55), ("cf2x_2025", 1.45), ("thrust_kit", 2.07), ("brushless", 1.90)]
+    ("name", "ratio"),
+    [("cf21", 1.55), ("cf21_plus", 1.55), ("cf2x_2025", 1.45), ("thrust_kit", 2.07), ("brushless", 1.90)],
 )
 def test_thrust_to_weight_ratio_at_pwm_60000(name: str, ratio: float) -> None:
     assert profile(name).thrust_max / 9.81 == pytest.approx(ratio, abs=0.006)

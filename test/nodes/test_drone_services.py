@@ -31,7 +31,7 @@ def test_an_emergency_stops_a_flying_drone_until_reboot(lab: Lab, name: str) -> 
     assert battery[-1].present
 
 
-def test_a_brushless_drone_flies_only_when_armed(lab: Lab) -> None:
+def test_a_brushless_drone_flies_only_when_armed_through_the_controller(lab: Lab) -> None:
     poses = lab.watch(interfaces.POSE, "cf1")
     lab.start("sim_drone", robot_names=["cf1"], vehicle="brushless")
     lab.fly("cf1", vehicle="brushless")
@@ -39,5 +39,13 @@ def test_a_brushless_drone_flies_only_when_armed(lab: Lab) -> None:
     lab.wait(lambda: poses, "poses")
     lab.listen(2.0)
     assert poses[-1].pose.position.z < 0.01
-    lab.wait(lambda: lab.ask(SetBool, "cf1/arm", data=True).success, "the arming")
+    arm = interfaces.service_of("cf1", interfaces.ARM)
+    lab.wait(lambda: "/cf1/arm asked to arm" in lab.ask(SetBool, arm, data=True).message, "the arming")
     lab.wait(lambda: poses[-1].pose.position.z > 0.3, "the climb")
+
+
+def test_a_controller_alone_says_that_it_could_not_ask_the_drone(lab: Lab) -> None:
+    lab.fly("cf1")
+    answer = lab.ask(SetBool, interfaces.service_of("cf1", interfaces.ARM), data=True)
+    assert answer.success
+    assert answer.message == "cf1: the drone itself was not asked: no service cf1/arm"

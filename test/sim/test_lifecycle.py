@@ -166,3 +166,36 @@ def test_the_drone_turns_to_the_yaw_of_its_goal_by_rate_and_by_angle(absolute: b
     fly(pilot, fleet, VEHICLE, 12.0, lambda *_: None)
     assert fleet.bodies.angles[0, 2] == pytest.approx(2.4, abs=0.02)
     assert np.linalg.norm(fleet.bodies.position[0] - [0.0, 0.0, 0.6]) < 0.15
+
+
+@pytest.mark.parametrize("armed", [True, False])
+def test_a_drone_flown_by_its_own_commander_is_taken_over_if_it_was_armed_on_the_ground(armed: bool) -> None:
+    flight = Flight()
+    if armed:
+        flight.pilot.arm(0, True)
+        flight.let_pass(1.0)
+        flight.fleet.notify_setpoints_stop(0)
+    flight.fleet.take_off(0, 0.6, 2.0)
+    flight.let_pass(4.0)
+    assert flight.height == pytest.approx(0.6, abs=0.1)
+    flight.pilot.refer(0, Trajectory.hold([0.0, 0.0, 0.6]))
+    lowest = flight.height
+    for _ in range(10):
+        flight.let_pass(0.5)
+        lowest = min(lowest, flight.height)
+    # the trap: with a closed thrust lock, the first set-point is a motor cut
+    assert (lowest > 0.5) if armed else (lowest == 0.0)
+
+
+def test_a_drone_is_handed_over_to_its_own_commander() -> None:
+    flight = Flight()
+    flight.pilot.take_off(0, 0.6)
+    flight.let_pass(6.0)
+    before = flight.height
+    flight.pilot.hand_over(0)
+    flight.let_pass(0.3)
+    flight.fleet.notify_setpoints_stop(0)
+    flight.fleet.go_to(0, [0.0, 0.0, 0.0], 0.0, 1.0, relative=True)
+    flight.let_pass(8.0)
+    assert flight.height == pytest.approx(before, abs=0.05)
+    assert flight.modes[-1] is Mode.IDLE

@@ -1,0 +1,126 @@
+"""The services of a drone's own link: crazyswarm2's where crazyflie_interfaces is installed, std_srvs' where it is not.
+
+crazyflie_interfaces is no package that every ROS installation has: it is loaded when it is first needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+from rclpy.client import Client
+from rclpy.node import Node
+from rclpy.task import Future
+from std_srvs.srv import SetBool
+
+from flatsat_ros.nodes import interfaces
+
+_PACKAGE = "crazyflie_interfaces"
+# The last set-point may still be under way when the drone is told that none follows; were it the last to arrive, the
+# drone would wait for the next one. The firmware keeps a set-point for 0.5 s.
+_SETTLED = 0.15  # s
+_HOLD_TIME = 1.0  # s, in which the high-level commander comes to rest
+
+
+def services() -> Any | None:
+    """Return the module crazyflie_interfaces.srv, None where it is not installed."""
+    try:
+        return import_module(f"{_PACKAGE}.srv")
+    except ModuleNotFoundError:
+        return None
+
+
+class DroneLink:
+    """What one robot's link can be asked for beside set-points: arming, and to give the drone to its own commander."""
+
+    def __init__(self, node: Node, robot: str) -> None:
+        """Find nothing yet; `look` does."""
+        self._node, self._robot = node, robot
+        self._clients: dict[str, Client] = {}
+
+    def look(self, offered: dict[str, list[str]]) -> None:
+        """Connect to the services that are offered by now, by full name with their types."""
+        for suffix in (interfaces.ARM, interfaces.NOTIFY, interfaces.GO_TO):
+            name = interfaces.drone_service_of(self._robot, suffix)
+            if suffix in self._clients:
+                continue
+            for kind in offered.get(self._node.resolve_service_name(name), []):
+                if (found := self._kind(kind)) is not None:
+                    self._clients[suffix] = self._node.create_client(found, name)
+                    break
+
+    def _kind(self, name: str) -> Any | None:
+        """Return the service type of a name, None if it is none that we know or have."""
+        package, _, kind = name.partition("/srv/")
+        if name == "std_srvs/srv/SetBool":
+            return SetBool
+        return getattr(services(), kind, None) if package == _PACKAGE else None
+
+    def arm(self, wanted: bool) -> str:
+        """Ask the drone to arm or disarm; return a sentence about it: its link may have no such service."""
+        client = self._ready(interfaces.ARM)
+        if client is None:
+            return f"{self._robot}: the drone itself was not asked: no service {self._robot}/{interfaces.ARM}"
+        kind = client.srv_type
+        request = kind.Request(data=wanted) if kind is SetBool else kind.Request(arm=wanted)
+        client.call_async(request).add_done_callback(self._report)
+        return f"{client.service_name} asked to {'arm' if wanted else 'disarm'}"
+
+    def _report(self, future: Future) -> None:
+        answer = future.result()
+        if not getattr(answer, "success", True):  # crazyswarm2 answers nothing
+            self._node.get_logger().error(f"{self._robot}: {answer.message}")
+
+    def release(self, *, in_flight: bool) -> str:
+        """Tell the drone, whose set-points have just ended, that none follows, and in flight to stay where it is.
+
+        The order is the firmware's: a go-to before the notice would be forgotten with the next set-point; after it the
+        motors rest until the go-to comes.
+
+        Returns:
+            What was asked for, empty if its link has no such service.
+        """
+        notify, go_to = self._ready(interfaces.NOTIFY), self._ready(interfaces.GO_TO)
+        if notify is None or (in_flight and go_to is None):
+            return ""
+
+        def stay(_: Future) -> None:
+            request = go_to.srv_type.Request(relative=True)
+            request.duration.sec = round(_HOLD_TIME)
+            go_to.call_async(request)
+
+        def tell() -> None:
+            timer.cancel()
+            self._node.destroy_timer(timer)
+            told = notify.call_async(notify.srv_type.Request())
+            if in_flight:
+                told.add_done_callback(stay)
+
+        timer = self._node.create_timer(_SETTLED, tell)
+        return f"{notify.service_name} told" + (f", {go_to.service_name} asked to hold the place" if in_flight else "")
+
+    def _ready(self, suffix: str) -> Client | None:
+        client = self._clients.get(suffix)
+        return client if client is not None and client.service_is_ready() else None
+
+
+def serve_arming(node: Node, name: str, act: Callable[[bool], tuple[bool, str]]) -> None:
+    """Offer arming as crazyswarm2 does, or, without its interfaces, with an answer."""
+    kinds = services()
+    if kinds is None:
+
+        def answer(request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+            response.success, response.message = act(request.data)
+            return response
+
+        node.create_service(SetBool, name, answer)
+        return
+
+    def take(request: Any, response: Any) -> Any:
+        done, reason = act(request.arm)
+        if not done:
+            node.get_logger().error(reason)
+        return response
+
+    node.create_service(kinds.Arm, name, take)

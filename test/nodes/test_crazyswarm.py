@@ -1,0 +1,83 @@
+"""crazyswarm2's own services, with its real interfaces; skipped where crazyflie_interfaces is not installed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Duration
+from geometry_msgs.msg import Point
+from std_srvs.srv import SetBool, Trigger
+
+from flatsat_ros.core.supervisor import Mode
+from flatsat_ros.core.telemetry import FIELDS
+from flatsat_ros.nodes import interfaces
+
+if TYPE_CHECKING:
+    from conftest import Lab
+
+services = pytest.importorskip("crazyflie_interfaces.srv")
+
+
+def height(poses: list[Any]) -> float:
+    return float(poses[-1].pose.position.z) if poses else -1.0
+
+
+def mode(telemetry: list[Any]) -> Mode:
+    return Mode(int(telemetry[-1].data[FIELDS.index("mode")]))
+
+
+@pytest.mark.parametrize("who", ["cf1", interfaces.ALL])
+def test_a_users_script_flies_the_simulated_drone(lab: Lab, who: str) -> None:
+    poses = lab.watch(interfaces.POSE, "cf1")
+    lab.start("sim_drone", robot_names=["cf1"])
+    lab.ask(services.Takeoff, f"{who}/takeoff", height=0.5, duration=Duration(sec=2))
+    lab.wait_for_flight("cf1", poses, (0.0, 0.0, 0.5), 0.1)
+    lab.ask(services.GoTo, f"{who}/go_to", goal=Point(x=0.4, y=-0.2, z=0.7), yaw=0.5, duration=Duration(sec=2))
+    lab.wait_for_flight("cf1", poses, (0.4, -0.2, 0.7), 0.1)
+    lab.ask(services.Land, f"{who}/land", height=0.02, duration=Duration(sec=2))
+    lab.wait(lambda: height(poses) < 0.01, "the landing")
+
+
+def test_a_drone_is_armed_taken_over_in_the_air_handed_back_and_landed(lab: Lab) -> None:
+    poses, telemetry = lab.watch(interfaces.POSE, "cf1"), lab.watch(interfaces.TELEMETRY, "cf1")
+    lab.start("sim_drone", robot_names=["cf1"], vehicle="brushless")
+    controller = lab.fly("cf1", vehicle="brushless")
+    arm = interfaces.service_of("cf1", interfaces.ARM)
+    lab.wait(lambda: "/cf1/arm asked to arm" in lab.ask(SetBool, arm, data=True).message, "the arming")
+    # asked several times until the drone's services were found: let the last unlocking end
+    lab.listen(1.5)
+    assert mode(telemetry) is Mode.IDLE
+    assert "/cf1/notify_setpoints_stop told" in controller.output
+    lab.ask(services.Takeoff, "cf1/takeoff", height=0.6, duration=Duration(sec=2))
+    lab.wait_for_flight("cf1", poses, (0.0, 0.0, 0.6), 0.1)
+
+    begin = len(poses)
+    lab.go_to("cf1", (0.3, 0.0, 0.6))
+    lab.wait_for_flight("cf1", poses, (0.3, 0.0, 0.6), 0.15)
+    assert mode(telemetry) is Mode.FLY
+    assert lab.ask(Trigger, interfaces.service_of("cf1", "hand_over")).success
+    lab.wait(lambda: "/cf1/go_to asked to hold the place" in controller.output, "the hand-over")
+    lab.listen(4.0)  # longer than the watchdogs wait
+    assert mode(telemetry) is Mode.IDLE
+    assert min(pose.pose.position.z for pose in poses[begin:]) > 0.4
+    where = np.array([(p.pose.position.x, p.pose.position.y, p.pose.position.z) for p in poses[-100:]])
+    assert np.ptp(where, axis=0).max() < 0.05
+
+    lab.ask(services.Land, "cf1/land", height=0.02, duration=Duration(sec=2))
+    lab.wait(lambda: height(poses) < 0.01, "the landing")
+
+
+def test_after_a_landing_the_drones_own_commander_may_take_off(lab: Lab) -> None:
+    poses, telemetry = lab.watch(interfaces.POSE, "cf1"), lab.watch(interfaces.TELEMETRY, "cf1")
+    lab.start("sim_drone", robot_names=["cf1"])
+    controller = lab.fly("cf1")
+    lab.go_to("cf1", (0.0, 0.0, 0.5))
+    lab.wait_for_flight("cf1", poses, (0.0, 0.0, 0.5), 0.15)
+    assert lab.ask(Trigger, interfaces.service_of("cf1", "land")).success
+    lab.wait(lambda: telemetry and mode(telemetry) is Mode.IDLE, "the end of the rest")
+    lab.wait(lambda: "/cf1/notify_setpoints_stop told" in controller.output, "the notice")
+    lab.listen(0.5)
+    lab.ask(services.Takeoff, "cf1/takeoff", height=0.5, duration=Duration(sec=2))
+    lab.wait_for_flight("cf1", poses, (0.0, 0.0, 0.5), 0.1)
