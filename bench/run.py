@@ -1,4 +1,4 @@
-"""`make bench`: the law against solvers and the controller process against bare echo nodes, in ratios.
+"""`make bench`: the law against solvers, the controller process against bare echo nodes, offset-free flight.
 
 Exit code 0 when all answers agree and every process did its work; targets are reported, not enforced.
 """
@@ -21,8 +21,10 @@ os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 101)
 
 import law
 import numpy as np
+import offset
 import processes
 from report import Quartiles, Target, quartiles, table
+from tqdm import tqdm
 
 from flatsat_ros._resources import config_path
 from flatsat_ros.core.certificate import Certificate
@@ -48,6 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             "machine": _machine(),
             "law": _compare_law(Certificate.load(config_path(_CERTIFICATE)), targets),
             "processes": _compare_processes(folder, targets),
+            "offset_free": _compare_offsets(targets),
         }
     except FlatsatError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -127,6 +130,30 @@ def _compare_processes(folder: Path, targets: list[Target]) -> dict[str, Any]:
             for echo in echoes:
                 what = f"controller over {echo}, {count} drones, {rate}"
                 targets.append(Target(what, _PROCESS_TARGET, ratios[processes.CONTROLLER][echo]))
+    return results
+
+
+def _compare_offsets(targets: list[Target]) -> dict[str, Any]:
+    """Fly every trouble with and without compensation; the flights are the same in every run."""
+    rows, results = [], {}
+    flights = [(vehicle, trouble) for vehicle in offset.VEHICLES for trouble in offset.TROUBLES]
+    for vehicle, trouble in tqdm(flights, desc="flights", leave=False):
+        plain, free = (offset.swap(vehicle, trouble, most) for most in (0.0, offset.DISTURBANCE_MAX))
+        rows.append([
+            f"{vehicle}, {trouble.name}",
+            *(f"{100.0 * value:.2f}" for value in (plain.hover, free.hover, plain.swap, free.swap)),
+            "kept" if plain.within and free.within else "BROKEN",
+        ])  # fmt: skip
+        results[f"{vehicle}, {trouble.name}"] = {"paper": plain._asdict(), "offset_free": free._asdict()}
+        for what, most, value in (
+            ("hover", offset.HOVER_TARGET, free.hover),
+            ("swap, RMS", offset.SWAP_TARGET, free.swap),
+        ):
+            targets.append(Target(f"{what}, m: {vehicle}, {trouble.name}", most, Quartiles(value, value, value)))
+        if not (plain.within and free.within):
+            raise FlatsatError(f"{vehicle}, {trouble.name}: a command left the limits")
+    print("Three drones at 50 Hz, mu = 2: steady error of the hover and RMS error of the swap, the worst drone, cm")
+    print(table(["", "hover", "offset-free", "swap", "offset-free", "limits"], rows))
     return results
 
 
