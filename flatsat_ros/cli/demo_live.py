@@ -210,7 +210,8 @@ class _Watch:
         """
         answer = self.conductor.ask(name, *who)
         self.until_none(lambda: [] if answer.done() else [name], _ANSWER, "no answer of the controller")
-        return str(answer.result().message)
+        result = answer.result()
+        return "" if result.success else str(result.message)
 
     def demand(self, name: str) -> None:
         """Ask for all robots.

@@ -164,10 +164,11 @@ def test_the_separation_is_the_smallest_distance() -> None:
 
 
 class Answered:
-    """A controller's answer that is there."""
+    """A controller's answer that is there; one that begins with ok is no refusal."""
 
     def __init__(self, message: str) -> None:
         self.message = message
+        self.success = message.startswith("ok")
 
     def done(self) -> bool:
         return True
@@ -201,7 +202,7 @@ def watch(conductor: Conductor) -> demo_live._Watch:
 
 
 def test_only_drones_that_still_stand_are_asked_to_take_off_again() -> None:
-    conductor = Conductor("cf2: no pose", "cf2: no pose", "", standing=("cf2",))
+    conductor = Conductor("cf2: no pose", "cf2: no pose", "ok", standing=("cf2",))
     demo_live._take_off(watch(conductor))
     assert conductor.asked == [("takeoff",), ("takeoff", "cf2"), ("takeoff", "cf2")]
 
@@ -210,6 +211,10 @@ def test_a_take_off_that_stays_refused_is_an_error_with_the_reason(monkeypatch: 
     monkeypatch.setattr(demo_live, "_POSES", 0.0)
     with pytest.raises(FlatsatError, match="cf2: takeoff refused: no pose"):
         demo_live._take_off(watch(Conductor("cf2: takeoff refused: no pose")))
+
+
+def test_what_was_granted_may_come_with_a_remark() -> None:
+    watch(Conductor("ok, asked to arm")).demand("arm")
 
 
 def test_a_refused_landing_is_an_error_with_the_reason() -> None:
