@@ -27,9 +27,11 @@ from flatsat_ros.synthesis.planner import spline_through
 LIMITS = InputSet(1.45 * 9.81, math.radians(10.0))
 RATE, PERIOD, MU, V_INF = 1.25, 0.02, 2.0, 0.05
 PLACES = np.array([[0.0, -0.6, 1.0], [0.6, 0.6, 1.0], [-0.6, 0.6, 1.0]])
-LEG, CLIMB, WATCHED = 4.0, 8.0, 0.5  # s: a leg of the swap, from the floor to its start, of the hover before it
+LEG, CLIMB, WATCHED = 4.0, 15.0, 0.5  # s: a leg of the swap, from the floor to its start, of the hover before it
 
-DISTURBANCE_MAX = 0.8  # m/s^2
+PAPER = Policy()
+OFFSET_FREE = Policy(disturbance_max=0.8)
+ESTIMATING = Policy(disturbance_max=0.8, thrust_error_max=0.2)
 HOVER_TARGET, SWAP_TARGET = 0.01, 0.04  # m
 
 
@@ -47,6 +49,8 @@ TROUBLES = (
     Trouble("5 % too much thrust", 1.05, 0.0),
     Trouble("wind of 1 m/s", 1.0, 1.0),
 )
+# more than may be compensated as a disturbance
+TOO_MUCH = (Trouble("10 % of thrust missing", 0.9, 0.0), Trouble("15 % too much thrust", 1.15, 0.0))
 
 
 class Outcome(NamedTuple):
@@ -57,18 +61,18 @@ class Outcome(NamedTuple):
     within: bool  # whether every command kept the limits
 
 
-def swap(vehicle: str, trouble: Trouble, compensated: float) -> Outcome:
+def swap(vehicle: str, trouble: Trouble, policy: Policy) -> Outcome:
     """Let three drones take off, hover and swap places three times.
 
     Args:
         vehicle: packaged profile.
         trouble: what is wrong.
-        compensated: largest disturbance that the pilot compensates, m/s^2; 0 is the paper's law.
+        policy: what the pilot estimates and compensates.
     """
     low, high = hold_gain_interval(RATE, PERIOD)
     ball = LIMITS.inner_radius**2
     proof = Certificate("50 Hz", LIMITS, RATE, closed_form_block(RATE), ball, ball / RATE, PERIOD, low, high)
-    pilot = Pilot(proof, Tuning(MU, V_INF, 1.0, high), Policy(disturbance_max=compensated), len(PLACES))
+    pilot = Pilot(proof, Tuning(MU, V_INF, 1.0, high), policy, len(PLACES))
     profile = VehicleProfile.load(config_path(vehicle, "vehicles"))
     fleet = SimulatedFleet(
         profile,

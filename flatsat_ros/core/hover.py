@@ -19,7 +19,8 @@ _TICKS = 20
 def thrust_scale(rows: ArrayLike, gravity: float) -> tuple[float, float]:
     """Return actual thrust over commanded thrust, and its standard error, from telemetry during a hover at a set-point.
 
-    While the height does not change, the vertical part of the actual thrust is gravity: scale = g / mean(T cos cos).
+    While the height does not change, the vertical part of the actual thrust is gravity: scale = g / mean(T cos cos),
+    for the T that was asked for on the wire.
 
     Args:
         rows: (M, len(FIELDS)) telemetry.
@@ -37,6 +38,7 @@ def thrust_scale(rows: ArrayLike, gravity: float) -> tuple[float, float]:
     drift = float(np.sqrt(np.mean(column["error_vx"] ** 2 + column["error_vy"] ** 2 + column["error_vz"] ** 2)))
     if not drift <= _DRIFT:
         raise FlatsatError(f"the drone moved with {drift:.3f} m/s: must be at most {_DRIFT} m/s; hover at a set-point")
-    upward = column["T"] * np.cos(column["phi"]) * np.cos(column["theta"])
+    asked = column["T"] / column["thrust_scale"]
+    upward = asked * np.cos(column["phi"]) * np.cos(column["theta"])
     mean = float(upward.mean())
     return gravity / mean, gravity / mean**2 * float(upward.std()) / math.sqrt(len(upward))

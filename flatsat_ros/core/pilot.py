@@ -27,6 +27,9 @@ _YAW_RATE_MAX = 1.0
 _COMPENSATED_SHARE = 0.5
 _TINY = 1e-300
 
+# the thrust scale follows its error with this time constant, s: slowly, beside the estimate of the disturbance
+_THRUST_TIME = 3.0
+
 # A landing reference sinks at most this fast, m/s, to this depth, m, below the world's floor (or below itself, should
 # it be lower). The drone has touched down when the reference has left it behind by this much, m, while it is this slow,
 # m/s, for this long, s.
@@ -49,6 +52,7 @@ class Tick:
         output: the law's output; it is the command in FLY only.
         reference: (N, 9) position, velocity, acceleration.
         disturbance: (N, 3) compensated disturbance, m/s^2, world frame.
+        thrust_scale: (N,) estimated actual thrust over the thrust that is asked for; ask for T / thrust_scale.
         assessment: where the drones are in the certified sets; it speaks of FLY only.
         duration: computation time of the tick, s.
     """
@@ -60,6 +64,7 @@ class Tick:
     output: Output
     reference: FloatArray
     disturbance: FloatArray
+    thrust_scale: FloatArray
     assessment: Assessment
     duration: float
 
@@ -92,6 +97,7 @@ class Pilot:
         self._state, self._usable = np.zeros((count, 6)), np.zeros(count, dtype=bool)  # of the last tick
         self._referred = np.zeros(count, dtype=bool)  # a reference was given since the last tick in flight
         self._heading = np.zeros(count)  # last commanded psi, rad
+        self._thrust_scale = np.ones(count)
         self._last_tick = -np.inf
         self._level = np.array([policy.level_thrust * certificate.limits.gravity, 0.0, 0.0])
         self._controller = Controller(certificate, _spread(tuning, count))
@@ -207,11 +213,22 @@ class Pilot:
 
         margin = self._margin - np.sqrt((disturbance * disturbance).sum(axis=1))
         assessment = self._watch.assess(output.error, margin, np.asarray(~base[:, 3:].any(axis=1)))
+        if self.policy.thrust_error_max > 0.0:
+            self._follow_thrust(acceleration)
         self._watch.follow(acceleration)
         self.estimator.command(now, acceleration)
         duration = perf_counter() - begin
         return Tick(
-            self.mode.copy(), command, yaw_rate, self._heading, output, reference, disturbance, assessment, duration
+            self.mode.copy(),
+            command,
+            yaw_rate,
+            self._heading,
+            output,
+            reference,
+            disturbance,
+            self._thrust_scale,
+            assessment,
+            duration,
         )
 
     def _steer(self, base: FloatArray) -> Output:
@@ -263,6 +280,18 @@ class Pilot:
         most = np.minimum(self.policy.disturbance_max, _COMPENSATED_SHARE * self._margin)
         factor = np.where(self.mode == Mode.FLY.value, np.minimum(1.0, most / np.maximum(size, _TINY)), 0.0)
         return np.asarray(estimate * factor[:, np.newaxis])
+
+    def _follow_thrust(self, acceleration: FloatArray) -> None:
+        """Take what disturbs vertically for an error of the thrust, slowly: d_z = (actual / asked for - 1) T_z.
+
+        Not near the ground, which may carry the drone.
+        """
+        upward = acceleration[:, 2] + self.certificate.limits.gravity
+        flying = (self.mode == Mode.FLY.value) & (self._state[:, 2] >= self.policy.ground_height) & (upward > 0.0)
+        error = np.where(flying, self.estimator.disturbance[:, 2] / np.maximum(upward, _TINY), 0.0)
+        most = self.policy.thrust_error_max
+        step = self.certificate.period / _THRUST_TIME
+        self._thrust_scale = np.clip(self._thrust_scale * (1.0 + step * error), 1.0 - most, 1.0 + most)
 
     def _advance_modes(self, now: float, down: np.ndarray) -> None:
         for i in np.flatnonzero((self.mode != Mode.FLY.value) | ~self._usable | down):

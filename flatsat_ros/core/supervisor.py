@@ -48,9 +48,10 @@ class Policy:
         ground_height: m, world frame: a drone below it is taken to stand on the ground when its reference arrives.
         level_thrust: thrust while levelled, as a fraction of gravity, at most 1, so that it sinks slowly.
         disturbance_max: largest disturbance, m/s^2, that is compensated in flight; 0 is the paper's law.
+        thrust_error_max: largest error of the thrust, as a fraction, that is estimated and corrected; 0 estimates none.
 
     Raises:
-        FlatsatError: a time or the fraction is not above 0, the fraction is above 1, or the height is not finite.
+        FlatsatError: a time or the fraction is not above 0, a fraction is above its bound, or the height is not finite.
     """
 
     pose_timeout: float = 0.3
@@ -60,6 +61,7 @@ class Policy:
     ground_height: float = 0.15
     level_thrust: float = 0.95
     disturbance_max: float = 0.0
+    thrust_error_max: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("pose_timeout", "level_time", "unlock_time", "rest_time"):
@@ -68,6 +70,8 @@ class Policy:
         require(self.level_thrust <= 1.0, "level_thrust", f"{self.level_thrust} g", "at most 1 g, or it would climb")
         most = self.disturbance_max
         require(0.0 <= most < math.inf, "disturbance_max", f"{most} m/s^2", "a finite number of at least 0")
+        error = self.thrust_error_max
+        require(0.0 <= error <= 0.5, "thrust_error_max", error, "0 to 0.5")
         require(math.isfinite(self.ground_height), "ground_height", f"{self.ground_height} m", "a finite number")
 
 

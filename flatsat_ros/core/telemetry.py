@@ -12,7 +12,7 @@ from flatsat_ros.core.supervisor import Mode
 FIELDS = (
     "V", "V/eps", "gamma", "k", "T", "phi", "theta", "v_x", "v_y", "v_z",
     "error_x", "error_y", "error_z", "error_vx", "error_vy", "error_vz", "mode", "tick_us",
-    "set", "kappa", "guaranteed", "d_x", "d_y", "d_z",
+    "set", "kappa", "guaranteed", "d_x", "d_y", "d_z", "thrust_scale",
 )  # fmt: skip
 
 
@@ -33,5 +33,5 @@ def rows(tick: Tick) -> FloatArray:
     table[:, 16], table[:, 17] = tick.mode, tick.duration * 1e6
     flying = tick.mode == Mode.FLY.value
     table[:, 18], table[:, 19], table[:, 20] = where.place, where.kappa, where.guaranteed & flying
-    table[:, 21:24] = tick.disturbance
+    table[:, 21:24], table[:, 24] = tick.disturbance, tick.thrust_scale
     return table

@@ -66,6 +66,7 @@ _POLICY = (
     ("unlock_time", "zero thrust before take-off, which opens the lock", "s", Policy.unlock_time, (0.01, 10.0)),
     ("ground_height", "a drone below this height stands on the ground", "m", Policy.ground_height, (-1e3, 1e3)),
     ("disturbance_max", "largest disturbance that is compensated; 0 is the paper's law", "m/s^2", 0.8, (0.0, 100.0)),
+    ("thrust_error_max", "largest error of the thrust that is estimated and corrected; 0: none", "", 0.0, (0.0, 0.5)),
 )
 
 
@@ -135,9 +136,8 @@ class ControllerNode(Node):  # type: ignore[misc]
     def finish(self) -> None:
         """Send the last safe commands: level and sinking in the air, zero thrust otherwise; nothing to idle drones."""
         for index, row in enumerate(self._pilot.last_input()):
-            if self._commanded[index]:
-                heading = 0.0 if self._last is None else float(self._last.yaw[index])
-                self._publish_command(index, row, 0.0, heading)
+            if self._commanded[index] and self._last is not None:
+                self._publish_command(index, row, 0.0, self._last)
         for index, publisher in enumerate(self._command_publishers):
             if self._commanded[index]:
                 publisher.wait_for_all_acked(Duration(seconds=_FAREWELL))
@@ -230,7 +230,7 @@ class ControllerNode(Node):  # type: ignore[misc]
         rows = telemetry.rows(tick)
         for index in range(len(self.robots)):
             if tick.mode[index] != Mode.IDLE.value:
-                self._publish_command(index, tick.input[index], float(tick.yaw_rate[index]), float(tick.yaw[index]))
+                self._publish_command(index, tick.input[index], float(tick.yaw_rate[index]), tick)
             messages.fill_telemetry(self._telemetry, rows[index])
             self._telemetry_publishers[index].publish(self._telemetry)
 
@@ -243,10 +243,11 @@ class ControllerNode(Node):  # type: ignore[misc]
             if told:
                 self.get_logger().info(told)
 
-    def _publish_command(self, index: int, command: FloatArray, yaw_rate: float, yaw: float) -> None:
+    def _publish_command(self, index: int, command: FloatArray, yaw_rate: float, tick: Tick) -> None:
         thrust, roll, pitch = command.tolist()
-        turn = yaw_rate if self._yaw_mode == "rate" else yaw
-        setpoint = setpoint_from_input(thrust, roll, pitch, turn, self._vehicles[index], self._backend, self._yaw_mode)
+        asked = thrust / float(tick.thrust_scale[index])
+        turn = yaw_rate if self._yaw_mode == "rate" else float(tick.yaw[index])
+        setpoint = setpoint_from_input(asked, roll, pitch, turn, self._vehicles[index], self._backend, self._yaw_mode)
         messages.fill_command(self._command, setpoint)
         self._command_publishers[index].publish(self._command)
         self._commanded[index] = True

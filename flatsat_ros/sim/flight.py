@@ -42,6 +42,7 @@ def fly(
         for index, mode in enumerate(tick.mode):
             if mode != Mode.IDLE:
                 thrust, roll, pitch = tick.input[index].tolist()
-                sent[index] = setpoint_from_input(thrust, roll, pitch, float(yaw[index]), vehicle, yaw_mode=yaw_mode)
+                asked = thrust / float(tick.thrust_scale[index])
+                sent[index] = setpoint_from_input(asked, roll, pitch, float(yaw[index]), vehicle, yaw_mode=yaw_mode)
                 fleet.command(index, *sent[index])
         observe(now, samples, tick, sent)

@@ -13,19 +13,22 @@ from flatsat_ros.core.supervisor import Mode
 from flatsat_ros.core.telemetry import FIELDS
 
 
-def hover(scale: float, tilt: float = 0.0, noise: float = 0.0, count: int = 200) -> np.ndarray:
-    """Telemetry of a hover with motors that give `scale` of what they should."""
+def hover(scale: float, tilt: float = 0.0, noise: float = 0.0, count: int = 200, estimated: float = 1.0) -> np.ndarray:
+    """Telemetry of a hover with motors that give `scale` of what they should, a part of which was estimated already."""
     rows = np.zeros((count, len(FIELDS)))
     rows[:, FIELDS.index("mode")] = Mode.FLY
     rows[:, FIELDS.index("phi")] = tilt
-    thrust = 9.81 / scale / np.cos(tilt) + noise * np.random.default_rng(0).normal(size=count)
+    rows[:, FIELDS.index("thrust_scale")] = estimated
+    thrust = 9.81 / scale * estimated / np.cos(tilt) + noise * np.random.default_rng(0).normal(size=count)
     rows[:, FIELDS.index("T")] = thrust
     return rows
 
 
-@given(scale=st.floats(0.5, 1.5), tilt=st.floats(-0.1, 0.1))
-def test_the_scale_is_recovered(scale: float, tilt: float) -> None:
-    assert thrust_scale(hover(scale, tilt), 9.81)[0] == pytest.approx(scale, rel=1e-12)
+@given(scale=st.floats(0.5, 1.5), tilt=st.floats(-0.1, 0.1), estimated=st.floats(0.5, 1.5))
+def test_the_scale_is_recovered_whatever_the_controller_has_estimated_already(
+    scale: float, tilt: float, estimated: float
+) -> None:
+    assert thrust_scale(hover(scale, tilt, estimated=estimated), 9.81)[0] == pytest.approx(scale, rel=1e-12)
 
 
 def test_the_standard_error_covers_the_noise() -> None:

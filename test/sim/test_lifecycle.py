@@ -32,8 +32,16 @@ class Flight:
         thrusts: thrust set-points so far, PWM.
     """
 
-    def __init__(self, *, scale: float = 1.0, mu: float = 2.0, compensated: float = 0.0, floor: float = 0.0) -> None:
-        policy = Policy(disturbance_max=compensated, ground_height=floor + 0.15)
+    def __init__(
+        self,
+        *,
+        scale: float = 1.0,
+        mu: float = 2.0,
+        compensated: float = 0.0,
+        floor: float = 0.0,
+        thrust_error: float = 0.0,
+    ) -> None:
+        policy = Policy(disturbance_max=compensated, ground_height=floor + 0.15, thrust_error_max=thrust_error)
         self.pilot = Pilot(CERTIFICATE, Tuning(mu, 0.05, 1.0, CERTIFICATE.gain_max), policy, 1)
         self.fleet = SimulatedFleet(
             VEHICLE, 1, start=[[0.0, 0.0, floor]], floor=floor, thrust_scale=scale, capture=MotionCapture(noise=5e-4)
@@ -53,6 +61,7 @@ class Flight:
 
     def _observe(self, _now: float, _samples: list[Sample], tick: Tick, sent: dict[int, WireSetpoint]) -> None:
         self.ticks += 1
+        self.thrust_scale = float(tick.thrust_scale[0])
         mode = Mode(int(tick.mode[0]))
         if self.modes[-1:] != [mode]:
             self.modes.append(mode)
@@ -199,3 +208,16 @@ def test_a_drone_is_handed_over_to_its_own_commander() -> None:
     flight.let_pass(8.0)
     assert flight.height == pytest.approx(before, abs=0.05)
     assert flight.modes[-1] is Mode.IDLE
+
+
+@pytest.mark.parametrize("scale", [0.9, 1.0, 1.1])
+def test_the_thrust_scale_is_found_in_flight_and_kept_through_landings(scale: float) -> None:
+    flight = Flight(scale=scale, compensated=0.8, thrust_error=0.2)
+    for _ in range(2):
+        flight.pilot.take_off(0, 0.6)
+        flight.let_pass(20.0)
+        assert flight.thrust_scale == pytest.approx(scale, abs=0.02)
+        flight.pilot.land(0)
+        flight.let_pass(16.0)
+        assert flight.modes[-1] is Mode.IDLE
+        assert flight.thrust_scale == pytest.approx(scale, abs=0.03)
