@@ -49,7 +49,7 @@ _SLICE = 0.02  # s
 _GATHERED = 0.15  # m, from its first way-point, that a drone may be when the swap begins
 _LATE = 20.0  # s, that a stalled machine may be late with the climb
 _ANSWER = 10.0  # s, that the answer of a service may take
-_POSES = 10.0  # s, after which a drone whose pose the controller still does not know stays on the floor
+_READY = 10.0  # s, after which a drone that still may not take off fails the flight
 _AGAIN = 0.5  # s, after which a take-off is asked for again; modes are known by then
 
 
@@ -232,18 +232,18 @@ class _Watch:
 
 
 def _take_off(watch: _Watch) -> None:
-    """Ask for all robots, then again for each whose poses the controller did not know yet.
+    """Ask for all robots, then again for each that was not ready: its pose not known yet, or its lock still opening.
 
     Raises:
         FlatsatError: the controller still refuses.
     """
-    end = time.monotonic() + _POSES
+    end = time.monotonic() + _READY
     refusals = [watch.ask("takeoff")]
     while any(refusals):
         if time.monotonic() > end:
             raise FlatsatError("; ".join(filter(None, refusals)))
         watch.let_pass(_AGAIN)
-        refusals = [watch.ask("takeoff", robot) for robot in watch.conductor.robots_in(Mode.IDLE)]
+        refusals = [watch.ask("takeoff", robot) for robot in watch.conductor.robots_in(Mode.IDLE, Mode.UNLOCK)]
 
 
 def _conduct(scenario: Scenario, conductor: Conductor, nodes: dict[str, subprocess.Popen[bytes]]) -> int:

@@ -190,7 +190,7 @@ class Conductor:
         return Answered(self._answers.pop(0))
 
     def robots_in(self, *modes: Mode) -> list[str]:
-        assert modes == (Mode.IDLE,)
+        assert modes == (Mode.IDLE, Mode.UNLOCK)
         return self._standing
 
     def spin(self, seconds: float) -> None:
@@ -208,7 +208,7 @@ def test_only_drones_that_still_stand_are_asked_to_take_off_again() -> None:
 
 
 def test_a_take_off_that_stays_refused_is_an_error_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(demo_live, "_POSES", 0.0)
+    monkeypatch.setattr(demo_live, "_READY", 0.0)
     with pytest.raises(FlatsatError, match="cf2: takeoff refused: no pose"):
         demo_live._take_off(watch(Conductor("cf2: takeoff refused: no pose")))
 
@@ -288,7 +288,9 @@ def test_the_live_demo_keeps_the_promises_and_its_bag_can_be_read(live: subproce
         assert counts[f"/demo/{robot}/trajectory"] == counts[f"/demo/{robot}/goal_pose"] == 1
         flown = [row[FIELDS.index("mode")] for topic, row in rows if topic == f"/demo/{robot}/flatsat/telemetry"]
         modes = [Mode(int(mode)) for mode, _ in itertools.groupby(flown)]
-        assert (modes[:3], modes[-2:]) == ([Mode.IDLE, Mode.UNLOCK, Mode.FLY], [Mode.REST, Mode.IDLE])
+        # to arm a drone opens its lock, too
+        assert list(dict.fromkeys(modes))[:3] == [Mode.IDLE, Mode.UNLOCK, Mode.FLY]
+        assert modes[-2:] == [Mode.REST, Mode.IDLE]
     assert not [entry for entry in tmp_path.iterdir() if entry.name.startswith(".")]
 
 
