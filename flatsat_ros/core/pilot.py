@@ -152,7 +152,9 @@ class Pilot:
         """
         self._require_armed(index)
         mode, place = Mode(self.mode[index]), self._state[index]
-        if mode not in (Mode.IDLE, Mode.CUT) or (mode is Mode.IDLE and place[2] >= self.policy.ground_height):
+        if mode not in (Mode.IDLE, Mode.UNLOCK, Mode.CUT) or (
+            mode is Mode.IDLE and place[2] >= self.policy.ground_height
+        ):
             raise FlatsatError(f"the drone is in {mode.name} at z = {place[2]:.2f} m: only one on the ground takes off")
         if not self._usable[index]:
             raise FlatsatError("the drone's pose is not known: it needs fresh poses to take off")

@@ -113,6 +113,7 @@ class Motors:
         bits: resolution of the motor command.
         idle_pwm: smallest motor command while armed, 0..65535.
         arming_required: whether the drone flies only after an arming request.
+        hover_pwm: thrust command that the on-board position controller takes for a hover, 0..65535.
     """
 
     voltage_to_force: tuple[float, float, float, float]
@@ -120,14 +121,16 @@ class Motors:
     bits: int
     idle_pwm: float
     arming_required: bool
+    hover_pwm: float
 
     def __post_init__(self) -> None:
-        _not_negative(self, "force_min", "idle_pwm")
+        _not_negative(self, "force_min", "idle_pwm", "hover_pwm")
         _, c1, c2, c3 = self.voltage_to_force
         increasing = c3 > 0 and c1 > 0 and (c2 >= 0 or c2 * c2 < 3.0 * c1 * c3)
         require(increasing, "voltage_to_force", self.voltage_to_force, "a cubic that increases from 0 V on")
         require(1 <= self.bits <= 16, "bits", self.bits, "1 to 16")
-        require(self.idle_pwm <= PWM_FULL, "idle_pwm", self.idle_pwm, f"at most {PWM_FULL}")
+        for name in ("idle_pwm", "hover_pwm"):
+            require(getattr(self, name) <= PWM_FULL, name, getattr(self, name), f"at most {PWM_FULL}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -75,8 +75,8 @@ class DroneLink:
     def release(self, *, in_flight: bool) -> str:
         """Tell the drone, whose set-points have just ended, that none follows, and in flight to stay where it is.
 
-        The order is the firmware's: a go-to before the notice would be forgotten with the next set-point; after it the
-        motors rest until the go-to comes.
+        The order is the firmware's: the notice tells its commander where the drone is, and a go-to before it would
+        start from an old place; after it the motors rest until the go-to comes.
 
         Returns:
             What was asked for, empty if its link has no such service.

@@ -157,9 +157,12 @@ def message_from_trajectory(trajectory: Trajectory, start: int) -> MultiDOFJoint
     return message
 
 
-def rise_from_request(request: Any) -> tuple[float, float]:
-    """Return height, m, and duration, s, of crazyflie_interfaces' Takeoff or Land."""
-    return request.height, _nanoseconds(request.duration) / NANOSECONDS
+def rise_from_request(request: Any) -> tuple[float, float, float]:
+    """Return height, m, duration, s, and yaw, rad, of crazyflie_interfaces' Takeoff or Land.
+
+    It names no yaw: both of crazyswarm2's back ends send a command that turns the drone to 0.
+    """
+    return request.height, _nanoseconds(request.duration) / NANOSECONDS, 0.0
 
 
 def way_from_request(request: Any) -> dict[str, Any]:

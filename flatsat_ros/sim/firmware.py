@@ -36,7 +36,6 @@ TILTED, TILTED_TIME = 0.5, 1000  # g, ms; platform_defaults.h SUPERVISOR_TUMBLE_
 UPSIDE_DOWN, UPSIDE_DOWN_TIME = -0.2, 100  # g, ms; platform_defaults.h SUPERVISOR_TUMBLE_CHECK_ACCEPTED_UPSIDEDOWN_*
 BATTERY_TIME = 5000  # ms; platform_defaults_cf2.h DEFAULT_BAT_LOW_DURATION_TO_TRIGGER_SEC
 # PWM; platform_defaults_cf2.h and, for the one platform that has to be armed, platform_defaults_cf21bl.h
-THRUST_BASE, THRUST_BASE_BRUSHLESS = 36000.0, 30000.0  # PID_VEL_THRUST_BASE
 NEVER = -(10**9)  # ms; an event that has not happened
 
 
@@ -144,8 +143,7 @@ class Firmware:
         self._auto_arming = not profile.motors.arming_required
         self._absolute_yaw = absolute_yaw
         self.high_level = HighLevelCommander(count)
-        base = THRUST_BASE_BRUSHLESS if profile.motors.arming_required else THRUST_BASE
-        self._position_controller = PositionController(count, base)
+        self._position_controller = PositionController(count, profile.motors.hover_pwm)
         self.state = np.zeros(count, dtype=np.int64)
         self.thrust_locked, self.armed, self.emergency, self.crashed, self.tumbled, self.battery_low, self.powered = (
             np.zeros((7, count), dtype=bool)

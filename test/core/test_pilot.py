@@ -330,10 +330,14 @@ def test_arming_never_commands_a_drone_in_the_air_or_one_that_is_not_seen() -> N
     assert modes(unseen.fly(1.0)) == [Mode.IDLE]
 
 
-def test_a_goal_while_the_lock_opens_is_flown_to() -> None:
+@pytest.mark.parametrize("by_goal", [True, False])
+def test_a_goal_and_a_take_off_while_the_lock_opens_are_flown(by_goal: bool) -> None:
     world = World()
     world.fly(0.5)
     world.pilot.arm(0, True)
     world.fly(0.2)
-    world.pilot.refer(0, Trajectory.hold(GOAL))
+    if by_goal:
+        world.pilot.refer(0, Trajectory.hold(GOAL))
+    else:
+        world.pilot.take_off(0, 0.5)
     assert modes(world.fly(1.0)) == [Mode.UNLOCK, Mode.FLY]
