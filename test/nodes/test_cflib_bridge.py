@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-import struct
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from crtp_endpoint import Endpoint, heights
+from crtp_endpoint import Endpoint, heights, setpoints, state
 from geometry_msgs.msg import PoseStamped
 from rclpy.timer import Timer
 from std_srvs.srv import Empty, SetBool
@@ -72,34 +71,24 @@ def robots(drones: Endpoint) -> list[str]:
     return [f"cf{number + 1}" for number in range(len(drones.drones))]
 
 
-def state(drones: Endpoint, index: int = 0) -> State:
-    return State(drones.fleet.firmware.state[index])
-
-
 def require_landed(lab: Lab, drones: Endpoint, places: Sequence[Sequence[float]]) -> None:
     """Require that the drones stand near their places and that the silence after a flight locks none of them."""
     silent_since = drones.fleet.time
     stopped = {State.FREE_FALL, State.LOCKED, State.CRASHED}
 
     def is_over() -> bool:
-        assert not stopped & {State(number) for number in drones.fleet.firmware.state}
+        assert not stopped & {state(drones, index) for index in range(drones.fleet.count)}
         return drones.fleet.time > silent_since + 1.5 * SHUTDOWN_AGE / 1000.0
 
     lab.wait(is_over, "the watchdogs to run out")
-    position = drones.fleet.bodies.position
-    assert np.abs(position[:, 2]).max() < 0.02
-    assert np.abs(position[:, :2] - np.array(places)[:, :2]).max() < NEAR
+    off = np.abs(drones.fleet.bodies.position - np.array(places) * (1.0, 1.0, 0.0))
+    assert (off < (NEAR, NEAR, 0.02)).all()
     assert not drones.fleet.firmware.thrust_locked.any()
 
 
 def values(status: list[Any]) -> dict[str, str]:
     """The values of the newest report."""
     return {pair.key: pair.value for pair in status[-1].values}
-
-
-def setpoints(drones: Endpoint, index: int = 0) -> list[tuple[float, ...]]:
-    """The set-points a drone received: roll, pitch, yaw rate, thrust as in the packet."""
-    return [struct.unpack("<fffH", packet.data) for packet in drones.drones[index].of(3, 0)]
 
 
 def lift(lab: Lab, drones: Endpoint, robot: str = "cf1", height: float = 0.3) -> Timer:
@@ -111,12 +100,6 @@ def lift(lab: Lab, drones: Endpoint, robot: str = "cf1", height: float = 0.3) ->
     flight = lab.stream(robot, WireSetpoint(0.0, 0.0, 0.0, 1.1 * HOVER))
     lab.wait(lambda: heights(drones)[index] > height, "the drone to climb")
     return flight
-
-
-def call(lab: Lab, kind: type[Any], name: str, **fields: object) -> Any:
-    client = lab.node.create_client(kind, name)
-    lab.wait(client.service_is_ready, f"the service {name}")
-    return lab.answer(client.call_async(kind.Request(**fields)))
 
 
 def test_the_bytes_on_the_wire_are_those_of_crazyswarm2s_cpp_back_end(simulate: Simulate, lab: Lab) -> None:
@@ -298,7 +281,7 @@ def test_an_emergency_stop_works_while_the_bridge_lands_its_drones(simulate: Sim
     flight = lift(lab, drones)
     process.send(signal.SIGTERM)
     flight.cancel()
-    call(lab, Empty, "all/emergency")
+    lab.ask(Empty, "all/emergency")
     lab.wait(lambda: state(drones) == State.LOCKED, "the drone to stop")
     assert process.wait() == 0
 
@@ -309,11 +292,11 @@ def test_an_emergency_stop_is_for_one_or_for_all_and_for_good(simulate: Simulate
     status = lab.watch_diagnostics("cflib_bridge: cf1")
     lift(lab, drones, "cf1")
     lift(lab, drones, "cf2")
-    call(lab, Empty, "cf1/emergency")
+    lab.ask(Empty, "cf1/emergency")
     lab.wait(lambda: state(drones, 0) == State.LOCKED, "cf1 to stop")
     lab.wait(lambda: status[-1].message == "emergency stop", "a report")
     assert state(drones, 1) == State.FLYING
-    call(lab, Empty, "all/emergency")
+    lab.ask(Empty, "all/emergency")
     lab.wait(lambda: state(drones, 1) == State.LOCKED, "cf2 to stop")
     # commands are still coming in, but none goes out
     before = len(setpoints(drones))
@@ -334,7 +317,7 @@ def test_arming_goes_to_the_drone(simulate: Simulate, lab: Lab) -> None:
     lab.wait(lambda: poses, "a connection")
     assert not drones.fleet.firmware.armed[0]
     for wanted in (True, False):
-        assert call(lab, SetBool, "cf1/arm", data=wanted).success
+        assert lab.ask(SetBool, "cf1/arm", data=wanted).success
         lab.wait(lambda wanted=wanted: drones.fleet.firmware.armed[0] == wanted, f"armed to be {wanted}")
 
 

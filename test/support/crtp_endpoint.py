@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flatsat_ros.sim.firmware import State
 from flatsat_ros.sim.fleet import SimulatedFleet
 
 PROTOCOL = 12
@@ -275,3 +276,13 @@ def heights(endpoint: Endpoint) -> np.ndarray:
     """Heights of all drones, m."""
     with endpoint.lock:
         return np.array(endpoint.fleet.bodies.position[:, 2])
+
+
+def state(endpoint: Endpoint, index: int = 0) -> State:
+    """State of a drone's firmware."""
+    return State(endpoint.fleet.firmware.state[index])
+
+
+def setpoints(endpoint: Endpoint, index: int = 0) -> list[tuple[float, ...]]:
+    """The set-points a drone received: roll, pitch, yaw, thrust as in the packet."""
+    return [struct.unpack("<fffH", packet.data) for packet in endpoint.drones[index].of(3, 0)]
