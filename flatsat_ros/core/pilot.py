@@ -39,6 +39,10 @@ _TOUCH_DOWN_DISTANCE = 0.25
 _TOUCH_DOWN_SPEED = 0.05
 _TOUCH_DOWN_TIME = 0.5
 
+# a drone has lifted off when it is so much, m, above where it was unlocked; to climb it is told at least this, m/s^2
+_LIFT_OFF = 0.05
+_CLIMB = 0.5
+
 
 @dataclass(frozen=True, eq=False)
 class Tick:
@@ -92,6 +96,9 @@ class Pilot:
         self._landing = np.zeros(count, dtype=bool)
         self._offset = np.zeros(count)  # height above the reference when the landing began, m
         self._resting_since = np.full(count, np.inf)
+        self._ground = np.full(count, -np.inf)  # height at which it was unlocked, m
+        self._climbing = np.zeros(count, dtype=bool)  # told to climb at the last tick
+        self._held_since = np.full(count, np.inf)
         self._armed = np.ones(count, dtype=bool)
         self._opening = np.zeros(count, dtype=bool)  # armed on the ground, to be unlocked
         self._state, self._usable = np.zeros((count, 6)), np.zeros(count, dtype=bool)  # of the last tick
@@ -205,7 +212,7 @@ class Pilot:
         self._state = self.estimator.estimate(now)
         self._usable = self.estimator.usable(now, self.policy.pose_timeout)
         reference = self._references.sample(now)
-        self._advance_modes(now, self._touched_down(now, reference))
+        self._advance_modes(now, self._touched_down(now, reference), self._stuck(now))
 
         disturbance = self._compensated()
         base = reference.copy()
@@ -215,6 +222,7 @@ class Pilot:
 
         margin = self._margin - np.sqrt((disturbance * disturbance).sum(axis=1))
         assessment = self._watch.assess(output.error, margin, np.asarray(~base[:, 3:].any(axis=1)))
+        self._climbing = (self.mode == Mode.FLY.value) & (acceleration[:, 2] >= _CLIMB)
         if self.policy.thrust_error_max > 0.0:
             self._follow_thrust(acceleration)
         self._watch.follow(acceleration)
@@ -270,6 +278,13 @@ class Pilot:
         self._resting_since = np.where(resting, np.minimum(self._resting_since, now), np.inf)
         return np.asarray(now - self._resting_since >= _TOUCH_DOWN_TIME)
 
+    def _stuck(self, now: float) -> np.ndarray:
+        """Tell which drones have been told to climb for the lift-off time and have not left the ground."""
+        self._ground[self._state[:, 2] >= self._ground + _LIFT_OFF] = -np.inf
+        held = self._climbing & np.isfinite(self._ground)
+        self._held_since = np.where(held, np.minimum(self._held_since, now), np.inf)
+        return np.asarray(now - self._held_since >= self.policy.lift_off_time)
+
     def last_input(self) -> FloatArray:
         """Return the inputs (N, 3) to leave behind on shutdown: level and sinking for drones in the air, else zero."""
         airborne = (self.mode == Mode.FLY.value) | (self.mode == Mode.LEVEL.value)
@@ -295,8 +310,8 @@ class Pilot:
         step = self.certificate.period / _THRUST_TIME
         self._thrust_scale = np.clip(self._thrust_scale * (1.0 + step * error), 1.0 - most, 1.0 + most)
 
-    def _advance_modes(self, now: float, down: np.ndarray) -> None:
-        for i in np.flatnonzero((self.mode != Mode.FLY.value) | ~self._usable | down):
+    def _advance_modes(self, now: float, down: np.ndarray, stuck: np.ndarray) -> None:
+        for i in np.flatnonzero((self.mode != Mode.FLY.value) | ~self._usable | down | stuck):
             before = Mode(self.mode[i])
             after = next_mode(
                 before,
@@ -307,6 +322,7 @@ class Pilot:
                 down=bool(down[i]),
                 policy=self.policy,
                 opening=bool(self._opening[i]),
+                stuck=bool(stuck[i]),
             )
             if after is before:
                 continue
@@ -314,6 +330,8 @@ class Pilot:
             self.mode[i], self._since[i] = after, now
             if after in (Mode.CUT, Mode.REST):
                 self._requested[i] = self._landing[i] = False
+            elif after is Mode.UNLOCK:
+                self._ground[i] = self._state[i, 2]
             elif after is Mode.FLY and before is not Mode.LEVEL:
                 self.memory.gain[i] = self._controller.tuning.gain_initial[i]
 

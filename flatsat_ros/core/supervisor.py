@@ -5,14 +5,15 @@
       +-------------------------- reference, estimate, in the air --------+     UNLOCK <--new reference--+
 
     FLY --landing, touched down--> REST --rest time--> IDLE
+    FLY --told to climb, held on the ground for the lift-off time--> CUT
     IDLE --armed on the ground--> UNLOCK --unlock time--> IDLE
 
 IDLE is silent, so that starting the controller never takes a drone away from whoever flies it. A command is computed
 from poses in FLY only. In LEVEL, when the estimate is not usable, the drone is kept level and sinks slowly; with poses
-back in time it flies on. CUT stops the motors and stays until the user gives a new reference. REST streams zero thrust
-after a landing for longer than the firmware's watchdogs wait: silence right after it would lock the drone until reboot.
-A drone that somebody else shall fly first is unlocked as it is armed: taken over in the air, still locked,
-it would fall.
+back in time it flies on. CUT stops the motors and stays until the user gives a new reference. A drone that does not
+lift off is cut, too: its gain grown by then, it would leap when somebody arms it. REST streams zero thrust after a
+landing for longer than the firmware's watchdogs wait: silence right after it would lock the drone until reboot. A drone
+that somebody else shall fly first is unlocked as it is armed: taken over in the air, still locked, it would fall.
 """
 
 from __future__ import annotations
@@ -44,6 +45,7 @@ class Policy:
         pose_timeout: age, s, above which a pose is stale and the drone is levelled.
         level_time: s of level descent without poses before the motors are cut.
         unlock_time: s of zero thrust that open the firmware's thrust lock before take-off.
+        lift_off_time: s of a commanded climb that leave the drone on the ground after which the motors are cut.
         rest_time: s of zero thrust after touch-down; the firmware needs more than 1.8 s.
         ground_height: m, world frame: a drone below it is taken to stand on the ground when its reference arrives.
         level_thrust: thrust while levelled, as a fraction of gravity, at most 1, so that it sinks slowly.
@@ -57,6 +59,7 @@ class Policy:
     pose_timeout: float = 0.3
     level_time: float = 3.0
     unlock_time: float = 0.3
+    lift_off_time: float = 3.0
     rest_time: float = 2.5
     ground_height: float = 0.15
     level_thrust: float = 0.95
@@ -64,7 +67,7 @@ class Policy:
     thrust_error_max: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("pose_timeout", "level_time", "unlock_time", "rest_time"):
+        for name in ("pose_timeout", "level_time", "unlock_time", "lift_off_time", "rest_time"):
             require_positive(name, getattr(self, name), "s")
         require_positive("level_thrust", self.level_thrust, "g")
         require(self.level_thrust <= 1.0, "level_thrust", f"{self.level_thrust} g", "at most 1 g, or it would climb")
@@ -85,6 +88,7 @@ def next_mode(
     down: bool,
     policy: Policy,
     opening: bool = False,
+    stuck: bool = False,
 ) -> Mode:
     """Return the mode that follows.
 
@@ -97,18 +101,21 @@ def next_mode(
         down: the drone was asked to land and has touched down.
         policy: the figures.
         opening: the drone was armed on the ground, to be unlocked without flying.
+        stuck: the drone was told to climb and stayed on the ground for the lift-off time.
     """
     if mode is Mode.FLY:
         if not usable:
             return Mode.LEVEL
-        return Mode.REST if down else Mode.FLY
+        if down:
+            return Mode.REST
+        return Mode.CUT if stuck else Mode.FLY
     if mode is Mode.REST:
         return Mode.IDLE if elapsed >= policy.rest_time else Mode.REST
     if mode is Mode.LEVEL:
         if usable:
             return Mode.FLY
         return Mode.CUT if elapsed >= policy.level_time else Mode.LEVEL
-    if not (usable and (requested or opening)):
+    if not (usable and (requested or (opening and mode is not Mode.CUT))):
         return Mode.IDLE if mode is Mode.UNLOCK else mode
     if mode is Mode.UNLOCK:
         unlocked = Mode.FLY if requested else Mode.IDLE

@@ -64,6 +64,7 @@ _POLICY = (
     ("pose_timeout", "age above which a pose is stale", "s", Policy.pose_timeout, (0.01, 10.0)),
     ("level_time", "level descent without poses before the motors are cut", "s", Policy.level_time, (0.1, 60.0)),
     ("unlock_time", "zero thrust before take-off, which opens the lock", "s", Policy.unlock_time, (0.01, 10.0)),
+    ("lift_off_time", "commanded climb on the ground that ends in a cut", "s", Policy.lift_off_time, (0.5, 600.0)),
     ("ground_height", "a drone below this height stands on the ground", "m", Policy.ground_height, (-1e3, 1e3)),
     ("disturbance_max", "largest disturbance that is compensated; 0 is the paper's law", "m/s^2", 0.8, (0.0, 100.0)),
     ("thrust_error_max", "largest error of the thrust that is estimated and corrected; 0: none", "", 0.0, (0.0, 0.5)),
@@ -225,7 +226,7 @@ class ControllerNode(Node):  # type: ignore[misc]
         self._take_poses(now)
         tick = self._pilot.tick(now)
         self._durations.append(tick.duration * 1e6)
-        self._release(self._last, tick)
+        self._follow_modes(self._last, tick)
         self._last = tick
         rows = telemetry.rows(tick)
         for index in range(len(self.robots)):
@@ -234,10 +235,15 @@ class ControllerNode(Node):  # type: ignore[misc]
             messages.fill_telemetry(self._telemetry, rows[index])
             self._telemetry_publishers[index].publish(self._telemetry)
 
-    def _release(self, before: Tick | None, now: Tick) -> None:
-        """Tell the drones whose set-points have ended, if their links have a way to; one in flight shall stay there."""
+    def _follow_modes(self, before: Tick | None, now: Tick) -> None:
+        """Say who did not lift off; tell the drones whose set-points have ended, if their links have a way to."""
         if before is None:
             return
+        for index in np.flatnonzero((before.mode == Mode.FLY.value) & (now.mode == Mode.CUT.value)):
+            self.get_logger().error(
+                f"{self.robots[index]}: told to climb, but did not leave the ground: motors cut. Not armed, locked "
+                "until reboot, not linked, or heavier than its vehicle profile? A new reference tries again"
+            )
         for index in np.flatnonzero((before.mode != Mode.IDLE.value) & (now.mode == Mode.IDLE.value)):
             told = self._links[index].release(in_flight=before.mode[index] == Mode.FLY.value)
             if told:

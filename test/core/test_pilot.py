@@ -48,6 +48,7 @@ class World:
         self.x = np.tile([*start, 0.0, 0.0, 0.0], (count, 1))
         self.yaw = np.zeros(count)
         self.blind = np.zeros(count, dtype=bool)
+        self.held = False
         self.steps = 0
         self.offset = 0.0
         self.ticks: list[Tick] = []
@@ -70,6 +71,8 @@ class World:
                 self.v = acceleration_from_input(ticks[-1].input, self.yaw)
                 self.v[ticks[-1].mode == Mode.IDLE] = 0.0  # somebody else holds it
                 self.rate = ticks[-1].yaw_rate
+            if self.held:
+                self.v = np.zeros_like(self.v)
             self.x[:, :3] += 0.01 * self.x[:, 3:] + 0.01**2 / 2.0 * self.v
             self.x[:, 3:] += 0.01 * self.v
             self.x[(self.x[:, 2] <= 0.0) & (self.x[:, 5] <= 0.0), 2:] *= 0.0
@@ -341,3 +344,29 @@ def test_a_goal_and_a_take_off_while_the_lock_opens_are_flown(by_goal: bool) -> 
     else:
         world.pilot.take_off(0, 0.5)
     assert modes(world.fly(1.0)) == [Mode.UNLOCK, Mode.FLY]
+
+
+def test_a_drone_that_does_not_lift_off_is_cut_and_begins_anew_with_its_first_gain() -> None:
+    world = World()
+    world.held = True
+    world.fly(0.5)
+    world.pilot.refer(0, Trajectory.hold(GOAL))
+    ticks = world.fly(6.0)
+    assert modes(ticks) == [Mode.UNLOCK, Mode.FLY, Mode.CUT]
+    told = sum(tick.mode[0] == Mode.FLY for tick in ticks) * CERTIFICATE.period
+    assert told == pytest.approx(POLICY.lift_off_time, abs=1.0)
+    assert ticks[-1].output.gain[0] > 2.0
+    assert modes(world.fly(3.0)) == [Mode.CUT]
+    world.held = False
+    world.pilot.refer(0, Trajectory.hold(GOAL))
+    ticks = world.fly(12.0)
+    assert modes(ticks) == [Mode.UNLOCK, Mode.FLY]
+    assert next(tick for tick in ticks if tick.mode[0] == Mode.FLY).output.gain[0] < 1.5
+    assert np.linalg.norm(world.x[0, :3] - GOAL) < 0.01
+
+
+def test_a_drone_that_rests_on_the_ground_by_its_goal_is_not_cut() -> None:
+    world = World()
+    world.fly(0.5)
+    world.pilot.refer(0, Trajectory.hold([-0.6, -0.6, 0.0]))
+    assert modes(world.fly(10.0)) == [Mode.UNLOCK, Mode.FLY]

@@ -14,27 +14,33 @@ from flatsat_ros.core.supervisor import Mode, Policy, next_mode
 
 POLICY = Policy(pose_timeout=0.3, level_time=3.0, unlock_time=0.5, ground_height=0.15, level_thrust=0.9)
 
-# mode, requested, usable, on the ground, its time is over, down: next mode; None where it does not matter
+# mode, requested, usable, on the ground, its time is over, down, opening, stuck: next; None where it does not matter
 TABLE = [
-    (Mode.IDLE, False, None, None, None, None, Mode.IDLE),
-    (Mode.IDLE, True, False, None, None, None, Mode.IDLE),
-    (Mode.IDLE, True, True, True, None, None, Mode.UNLOCK),
-    (Mode.IDLE, True, True, False, None, None, Mode.FLY),
-    (Mode.UNLOCK, False, None, None, None, None, Mode.IDLE),
-    (Mode.UNLOCK, True, False, None, None, None, Mode.IDLE),
-    (Mode.UNLOCK, True, True, None, False, None, Mode.UNLOCK),
-    (Mode.UNLOCK, True, True, None, True, None, Mode.FLY),
-    (Mode.FLY, None, True, None, None, False, Mode.FLY),
-    (Mode.FLY, None, True, None, None, True, Mode.REST),
-    (Mode.FLY, None, False, None, None, None, Mode.LEVEL),
-    (Mode.LEVEL, None, True, None, None, None, Mode.FLY),
-    (Mode.LEVEL, None, False, None, False, None, Mode.LEVEL),
-    (Mode.LEVEL, None, False, None, True, None, Mode.CUT),
-    (Mode.CUT, False, None, None, None, None, Mode.CUT),
-    (Mode.CUT, True, False, None, None, None, Mode.CUT),
-    (Mode.CUT, True, True, None, None, None, Mode.UNLOCK),
-    (Mode.REST, None, None, None, False, None, Mode.REST),
-    (Mode.REST, None, None, None, True, None, Mode.IDLE),
+    (Mode.IDLE, False, None, None, None, None, False, None, Mode.IDLE),
+    (Mode.IDLE, False, False, None, None, None, True, None, Mode.IDLE),
+    (Mode.IDLE, False, True, None, None, None, True, None, Mode.UNLOCK),
+    (Mode.IDLE, True, False, None, None, None, None, None, Mode.IDLE),
+    (Mode.IDLE, True, True, True, None, None, None, None, Mode.UNLOCK),
+    (Mode.IDLE, True, True, False, None, None, None, None, Mode.FLY),
+    (Mode.UNLOCK, False, None, None, None, None, False, None, Mode.IDLE),
+    (Mode.UNLOCK, False, False, None, None, None, True, None, Mode.IDLE),
+    (Mode.UNLOCK, False, True, None, False, None, True, None, Mode.UNLOCK),
+    (Mode.UNLOCK, False, True, None, True, None, True, None, Mode.IDLE),
+    (Mode.UNLOCK, True, False, None, None, None, None, None, Mode.IDLE),
+    (Mode.UNLOCK, True, True, None, False, None, None, None, Mode.UNLOCK),
+    (Mode.UNLOCK, True, True, None, True, None, None, None, Mode.FLY),
+    (Mode.FLY, None, True, None, None, False, None, False, Mode.FLY),
+    (Mode.FLY, None, True, None, None, False, None, True, Mode.CUT),
+    (Mode.FLY, None, True, None, None, True, None, None, Mode.REST),
+    (Mode.FLY, None, False, None, None, None, None, None, Mode.LEVEL),
+    (Mode.LEVEL, None, True, None, None, None, None, None, Mode.FLY),
+    (Mode.LEVEL, None, False, None, False, None, None, None, Mode.LEVEL),
+    (Mode.LEVEL, None, False, None, True, None, None, None, Mode.CUT),
+    (Mode.CUT, False, None, None, None, None, None, None, Mode.CUT),
+    (Mode.CUT, True, False, None, None, None, None, None, Mode.CUT),
+    (Mode.CUT, True, True, None, None, None, None, None, Mode.UNLOCK),
+    (Mode.REST, None, None, None, False, None, None, None, Mode.REST),
+    (Mode.REST, None, None, None, True, None, None, None, Mode.IDLE),
 ]
 
 HEIGHTS = {True: (-1.0, 0.0, 0.1499), False: (0.15, 1.0)}
@@ -47,33 +53,52 @@ DURATION = {Mode.UNLOCK: POLICY.unlock_time, Mode.LEVEL: POLICY.level_time, Mode
 def test_every_transition_is_the_tables(mode: Mode, requested: bool, usable: bool) -> None:
     limit = DURATION.get(mode, 1.0)
     ages = {False: (0.0, limit / 2.0, math.nextafter(limit, 0.0)), True: (limit, 10.0 * limit, math.inf)}
-    for ground, over, down in itertools.product([False, True], repeat=3):
-        present = (mode, requested, usable, ground, over, down)
-        rows = [row for row in TABLE if all(a in (None, b) for a, b in zip(row[:6], present, strict=True))]
+    for ground, over, down, opening, stuck in itertools.product([False, True], repeat=5):
+        present = (mode, requested, usable, ground, over, down, opening, stuck)
+        rows = [row for row in TABLE if all(a in (None, b) for a, b in zip(row[:-1], present, strict=True))]
         assert len(rows) == 1, "the table itself must be complete and unique"
         for height, elapsed in itertools.product(HEIGHTS[ground], ages[over]):
             after = next_mode(
-                mode, elapsed, requested=requested, usable=usable, height=height, down=down, policy=POLICY
+                mode,
+                elapsed,
+                requested=requested,
+                usable=usable,
+                height=height,
+                down=down,
+                policy=POLICY,
+                opening=opening,
+                stuck=stuck,
             )
-            assert after is rows[0][6]
+            assert after is rows[0][-1]
 
 
 @given(
     events=st.lists(
-        st.tuples(st.booleans(), st.booleans(), st.floats(-0.5, 2.0), st.floats(0.0, 2.0), st.booleans()),
+        st.tuples(*(st.booleans(),) * 2, st.floats(-0.5, 2.0), st.floats(0.0, 2.0), *(st.booleans(),) * 3),
         min_size=1,
         max_size=40,
     )
 )
 def test_in_no_history_a_drone_is_steered_blindly_or_leaves_the_cut_unasked(
-    events: list[tuple[bool, bool, float, float, bool]],
+    events: list[tuple[bool, bool, float, float, bool, bool, bool]],
 ) -> None:
     mode, elapsed, requested, powered = Mode.IDLE, math.inf, False, 0.0
-    for new_reference, usable, height, dt, down in events:
+    for new_reference, usable, height, dt, down, opening, stuck in events:
         requested = requested or new_reference
-        after = next_mode(mode, elapsed, requested=requested, usable=usable, height=height, down=down, policy=POLICY)
+        after = next_mode(
+            mode,
+            elapsed,
+            requested=requested,
+            usable=usable,
+            height=height,
+            down=down,
+            policy=POLICY,
+            opening=opening,
+            stuck=stuck,
+        )
         if after is Mode.FLY:
             assert usable
+            assert requested
         if mode is Mode.CUT and after is not Mode.CUT:
             assert requested
             assert after is Mode.UNLOCK, "the firmware's lock must be opened again"
@@ -90,7 +115,9 @@ def test_in_no_history_a_drone_is_steered_blindly_or_leaves_the_cut_unasked(
         mode = after
 
 
-@pytest.mark.parametrize("name", ["pose_timeout", "level_time", "unlock_time", "rest_time", "level_thrust"])
+@pytest.mark.parametrize(
+    "name", ["pose_timeout", "level_time", "unlock_time", "lift_off_time", "rest_time", "level_thrust"]
+)
 @pytest.mark.parametrize("bad", [0.0, -1.0, math.nan, math.inf, "1", True])
 def test_times_and_thrust_must_be_positive_numbers(name: str, bad: float) -> None:
     with pytest.raises(FlatsatError, match=f"{name} = "):
@@ -103,3 +130,9 @@ def test_a_level_descent_may_not_climb_and_the_ground_must_be_somewhere() -> Non
         Policy(level_thrust=1.01)
     with pytest.raises(FlatsatError, match="ground_height is nan m"):
         Policy(ground_height=math.nan)
+
+
+@pytest.mark.parametrize("bad", [-0.1, 0.51, math.nan])
+def test_a_thrust_error_beyond_all_reason_is_refused(bad: float) -> None:
+    with pytest.raises(FlatsatError, match=f"thrust_error_max is {bad}"):
+        Policy(thrust_error_max=bad)
