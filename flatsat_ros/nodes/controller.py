@@ -244,10 +244,11 @@ class ControllerNode(Node):  # type: ignore[misc]
                 f"{self.robots[index]}: told to climb, but did not leave the ground: motors cut. Not armed, locked "
                 "until reboot, not linked, or heavier than its vehicle profile? A new reference tries again"
             )
-        for index in np.flatnonzero((before.mode != Mode.IDLE.value) & (now.mode == Mode.IDLE.value)):
-            told = self._links[index].release(in_flight=before.mode[index] == Mode.FLY.value)
-            if told:
-                self.get_logger().info(told)
+        was_idle, is_idle = before.mode == Mode.IDLE.value, now.mode == Mode.IDLE.value
+        for index in np.flatnonzero(was_idle & ~is_idle):
+            self._links[index].take()
+        for index in np.flatnonzero(is_idle & ~was_idle):
+            self._links[index].release(in_flight=before.mode[index] == Mode.FLY.value)
 
     def _publish_command(self, index: int, command: FloatArray, yaw_rate: float, tick: Tick) -> None:
         thrust, roll, pitch = command.tolist()

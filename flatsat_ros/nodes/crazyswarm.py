@@ -38,6 +38,7 @@ class DroneLink:
         """Find nothing yet; `look` does."""
         self._node, self._robot = node, robot
         self._clients: dict[str, Client] = {}
+        self._released = False
 
     def look(self, offered: dict[str, list[str]]) -> None:
         """Connect to the services that are offered by now, by full name with their types."""
@@ -72,33 +73,41 @@ class DroneLink:
         if not getattr(answer, "success", True):  # crazyswarm2 answers nothing
             self._node.get_logger().error(f"{self._robot}: {answer.message}")
 
-    def release(self, *, in_flight: bool) -> str:
+    def release(self, *, in_flight: bool) -> None:
         """Tell the drone, whose set-points have just ended, that none follows, and in flight to stay where it is.
+
+        Does nothing if its link has no such services, and nothing any more once the drone is taken back: the notice
+        would cut the motors until the next set-point.
 
         The order is the firmware's: the notice tells its commander where the drone is, and a go-to before it would
         start from an old place; after it the motors rest until the go-to comes.
-
-        Returns:
-            What was asked for, empty if its link has no such service.
         """
         notify, go_to = self._ready(interfaces.NOTIFY), self._ready(interfaces.GO_TO)
+        self._released = True
         if notify is None or (in_flight and go_to is None):
-            return ""
-
-        def stay(_: Future) -> None:
-            request = go_to.srv_type.Request(relative=True)
-            request.duration.sec = round(_HOLD_TIME)
-            go_to.call_async(request)
+            return
 
         def tell() -> None:
             timer.cancel()
             self._node.destroy_timer(timer)
-            told = notify.call_async(notify.srv_type.Request())
-            if in_flight:
-                told.add_done_callback(stay)
+            if self._released:
+                told = notify.call_async(notify.srv_type.Request())
+                self._node.get_logger().info(f"{notify.service_name}: no more set-points")
+                if in_flight:
+                    told.add_done_callback(stay)
+
+        def stay(_: Future) -> None:
+            if self._released:
+                request = go_to.srv_type.Request(relative=True)
+                request.duration.sec = round(_HOLD_TIME)
+                go_to.call_async(request)
+                self._node.get_logger().info(f"{go_to.service_name}: hold the place")
 
         timer = self._node.create_timer(_SETTLED, tell)
-        return f"{notify.service_name} told" + (f", {go_to.service_name} asked to hold the place" if in_flight else "")
+
+    def take(self) -> None:
+        """Note that set-points are sent again."""
+        self._released = False
 
     def _ready(self, suffix: str) -> Client | None:
         client = self._clients.get(suffix)

@@ -32,6 +32,8 @@ def mode(telemetry: list[Any]) -> Mode:
 def test_a_users_script_flies_the_simulated_drone(lab: Lab, who: str) -> None:
     poses = lab.watch(interfaces.POSE, "cf1")
     lab.start("sim_drone", robot_names=["cf1"])
+    # a drone that has just been switched on takes no command yet
+    lab.wait(lambda: len(poses) > 50, "the drone to have booted")
     lab.ask(services.Takeoff, f"{who}/takeoff", height=0.5, duration=Duration(sec=2))
     lab.wait_for_flight("cf1", poses, (0.0, 0.0, 0.5), 0.1)
     lab.ask(services.GoTo, f"{who}/go_to", goal=Point(x=0.4, y=-0.2, z=0.7), yaw=0.5, duration=Duration(sec=2))
@@ -49,7 +51,7 @@ def test_a_drone_is_armed_taken_over_in_the_air_handed_back_and_landed(lab: Lab)
     # asked several times until the drone's services were found: let the last unlocking end
     lab.listen(1.5)
     assert mode(telemetry) is Mode.IDLE
-    assert "/cf1/notify_setpoints_stop told" in controller.output
+    assert "/cf1/notify_setpoints_stop: no more set-points" in controller.output
     lab.ask(services.Takeoff, "cf1/takeoff", height=0.6, duration=Duration(sec=2))
     lab.wait_for_flight("cf1", poses, (0.0, 0.0, 0.6), 0.1)
 
@@ -58,7 +60,7 @@ def test_a_drone_is_armed_taken_over_in_the_air_handed_back_and_landed(lab: Lab)
     lab.wait_for_flight("cf1", poses, (0.3, 0.0, 0.6), 0.15)
     assert mode(telemetry) is Mode.FLY
     assert lab.ask(Trigger, interfaces.service_of("cf1", "hand_over")).success
-    lab.wait(lambda: "/cf1/go_to asked to hold the place" in controller.output, "the hand-over")
+    lab.wait(lambda: "/cf1/go_to: hold the place" in controller.output, "the hand-over")
     lab.listen(4.0)  # longer than the watchdogs wait
     assert mode(telemetry) is Mode.IDLE
     assert min(pose.pose.position.z for pose in poses[begin:]) > 0.4
@@ -69,6 +71,21 @@ def test_a_drone_is_armed_taken_over_in_the_air_handed_back_and_landed(lab: Lab)
     lab.wait(lambda: height(poses) < 0.01, "the landing")
 
 
+def test_a_drone_taken_back_at_once_is_not_cut(lab: Lab) -> None:
+    poses, telemetry = lab.watch(interfaces.POSE, "cf1"), lab.watch(interfaces.TELEMETRY, "cf1")
+    lab.start("sim_drone", robot_names=["cf1"])
+    lab.fly("cf1")
+    lab.go_to("cf1", (0.0, 0.0, 0.6))
+    lab.wait_for_flight("cf1", poses, (0.0, 0.0, 0.6), 0.15)
+    begin = len(poses)
+    assert lab.ask(Trigger, interfaces.service_of("cf1", "hand_over")).success
+    lab.wait(lambda: mode(telemetry) is Mode.IDLE, "silence")
+    lab.go_to("cf1", (0.0, 0.0, 0.6))
+    lab.listen(2.0)
+    assert mode(telemetry) is Mode.FLY
+    assert min(pose.pose.position.z for pose in poses[begin:]) > 0.4
+
+
 def test_after_a_landing_the_drones_own_commander_may_take_off(lab: Lab) -> None:
     poses, telemetry = lab.watch(interfaces.POSE, "cf1"), lab.watch(interfaces.TELEMETRY, "cf1")
     lab.start("sim_drone", robot_names=["cf1"])
@@ -77,7 +94,7 @@ def test_after_a_landing_the_drones_own_commander_may_take_off(lab: Lab) -> None
     lab.wait_for_flight("cf1", poses, (0.0, 0.0, 0.5), 0.15)
     assert lab.ask(Trigger, interfaces.service_of("cf1", "land")).success
     lab.wait(lambda: telemetry and mode(telemetry) is Mode.IDLE, "the end of the rest")
-    lab.wait(lambda: "/cf1/notify_setpoints_stop told" in controller.output, "the notice")
+    lab.wait(lambda: "/cf1/notify_setpoints_stop: no more set-points" in controller.output, "the notice")
     lab.listen(0.5)
     lab.ask(services.Takeoff, "cf1/takeoff", height=0.5, duration=Duration(sec=2))
     lab.wait_for_flight("cf1", poses, (0.0, 0.0, 0.5), 0.1)
