@@ -66,4 +66,4 @@ def _robot(name: str, settings: Any, path: str) -> Robot | None:
     if position.shape != (3,):
         raise FlatsatError(f"{where}.initial_position has shape {position.shape}: must be [x, y, z]")
     x, y, z = position.tolist()
-    return Robot(name, str(settings.get("uri", "")), (x, y, z), str(settings.get("type", "")))
+    return Robot(name, str(settings.get("uri") or ""), (x, y, z), str(settings.get("type") or ""))

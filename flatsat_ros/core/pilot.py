@@ -39,7 +39,7 @@ _TOUCH_DOWN_DISTANCE = 0.25
 _TOUCH_DOWN_SPEED = 0.05
 _TOUCH_DOWN_TIME = 0.5
 
-# a drone has lifted off when it is so much, m, above where it was unlocked; to climb it is told at least this, m/s^2
+# a drone is off the ground when it is so far, m, from the height of its unlocking; this, m/s^2, is a command to climb
 _LIFT_OFF = 0.05
 _CLIMB = 0.5
 
@@ -93,6 +93,7 @@ class Pilot:
         self._watch = Watch(certificate, count)
         self._since = np.full(count, -np.inf)
         self._requested = np.zeros(count, dtype=bool)  # a reference was given since the motors were last cut
+        self._waits = np.zeros(count, dtype=bool)  # the reference waits for poses that are lost; a take-off does not
         self._landing = np.zeros(count, dtype=bool)
         self._offset = np.zeros(count)  # height above the reference when the landing began, m
         self._resting_since = np.full(count, np.inf)
@@ -126,7 +127,7 @@ class Pilot:
         margin = trajectory.require_margin(self.certificate.limits)
         self._references.assign(index, trajectory)
         self._margin[index] = margin
-        self._requested[index] = self._referred[index] = True
+        self._requested[index] = self._referred[index] = self._waits[index] = True
         self._landing[index] = False
 
     def arm(self, index: int, armed: bool) -> None:
@@ -136,16 +137,27 @@ class Pilot:
         by a way that leaves the lock closed.
 
         Raises:
-            FlatsatError: it is in use and cannot be disarmed.
+            FlatsatError: it is in use or in the air and cannot be disarmed.
         """
-        mode = Mode(self.mode[index])
+        mode, high = Mode(self.mode[index]), self._is_high(index)
         if not armed and mode not in (Mode.IDLE, Mode.CUT):
             raise FlatsatError(f"the drone is in {mode.name}: it can be disarmed in IDLE or CUT only; land it first")
+        if not armed and mode is Mode.IDLE and high:
+            raise FlatsatError(
+                f"the drone is at z = {self._state[index, 2]:.2f} m, flown by somebody else: land it first"
+            )
         self._armed[index] = armed
-        stands = self._usable[index] and self._state[index, 2] < self.policy.ground_height
-        self._opening[index] = armed and mode is Mode.IDLE and stands
+        self._opening[index] = armed and mode in (Mode.IDLE, Mode.UNLOCK) and self._usable[index] and not high
         if not armed:
             self._requested[index] = False
+
+    def is_opening(self, index: int) -> bool:
+        """Tell whether drone index was armed on the ground and its thrust lock is about to be opened."""
+        return bool(self._opening[index])
+
+    def _is_high(self, index: int) -> bool:
+        """Tell whether drone index is known to be above the ground."""
+        return bool(self._usable[index] and self._state[index, 2] >= self.policy.ground_height)
 
     def _require_armed(self, index: int) -> None:
         if not self._armed[index]:
@@ -159,14 +171,13 @@ class Pilot:
         """
         self._require_armed(index)
         mode, place = Mode(self.mode[index]), self._state[index]
-        if mode not in (Mode.IDLE, Mode.UNLOCK, Mode.CUT) or (
-            mode is Mode.IDLE and place[2] >= self.policy.ground_height
-        ):
+        if mode not in (Mode.IDLE, Mode.UNLOCK, Mode.CUT) or self._is_high(index):
             raise FlatsatError(f"the drone is in {mode.name} at z = {place[2]:.2f} m: only one on the ground takes off")
         if not self._usable[index]:
             raise FlatsatError("the drone's pose is not known: it needs fresh poses to take off")
         climb = np.array([0.0, 0.0, require_positive("height", height, "m")])
         self.refer(index, Trajectory.hold(place[:3] + climb, float(self.estimator.yaw[index])))
+        self._waits[index] = False
 
     def land(self, index: int) -> None:
         """Let drone index sink until it stands on something, then rest.
@@ -236,7 +247,7 @@ class Pilot:
             output,
             reference,
             disturbance,
-            self._thrust_scale,
+            self._careful_thrust_scale(),
             assessment,
             duration,
         )
@@ -280,7 +291,7 @@ class Pilot:
 
     def _stuck(self, now: float) -> np.ndarray:
         """Tell which drones have been told to climb for the lift-off time and have not left the ground."""
-        self._ground[self._state[:, 2] >= self._ground + _LIFT_OFF] = -np.inf
+        self._ground[np.abs(self._state[:, 2] - self._ground) >= _LIFT_OFF] = -np.inf
         held = self._climbing & np.isfinite(self._ground)
         self._held_since = np.where(held, np.minimum(self._held_since, now), np.inf)
         return np.asarray(now - self._held_since >= self.policy.lift_off_time)
@@ -310,6 +321,11 @@ class Pilot:
         step = self.certificate.period / _THRUST_TIME
         self._thrust_scale = np.clip(self._thrust_scale * (1.0 + step * error), 1.0 - most, 1.0 + most)
 
+    def _careful_thrust_scale(self) -> FloatArray:
+        """Return the thrust scale, no less than 1 for drones that are not steered: they shall not climb by mistake."""
+        flying = self.mode == Mode.FLY.value
+        return np.where(flying, self._thrust_scale, np.maximum(self._thrust_scale, 1.0))
+
     def _advance_modes(self, now: float, down: np.ndarray, stuck: np.ndarray) -> None:
         for i in np.flatnonzero((self.mode != Mode.FLY.value) | ~self._usable | down | stuck):
             before = Mode(self.mode[i])
@@ -324,14 +340,16 @@ class Pilot:
                 opening=bool(self._opening[i]),
                 stuck=bool(stuck[i]),
             )
+            self._opening[i] &= after is Mode.UNLOCK
             if after is before:
                 continue
-            self._opening[i] &= after is Mode.UNLOCK
             self.mode[i], self._since[i] = after, now
             if after in (Mode.CUT, Mode.REST):
                 self._requested[i] = self._landing[i] = False
             elif after is Mode.UNLOCK:
                 self._ground[i] = self._state[i, 2]
+            elif after is Mode.IDLE:
+                self._requested[i] &= self._waits[i]
             elif after is Mode.FLY and before is not Mode.LEVEL:
                 self.memory.gain[i] = self._controller.tuning.gain_initial[i]
 

@@ -121,6 +121,6 @@ def next_mode(
         unlocked = Mode.FLY if requested else Mode.IDLE
         return unlocked if elapsed >= policy.unlock_time else Mode.UNLOCK
     if not requested:
-        return Mode.UNLOCK
+        return Mode.UNLOCK if height < policy.ground_height else Mode.IDLE
     in_the_air = mode is Mode.IDLE and height >= policy.ground_height
     return Mode.FLY if in_the_air else Mode.UNLOCK

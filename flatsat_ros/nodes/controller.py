@@ -32,7 +32,7 @@ from flatsat_ros.core.sets import Place
 from flatsat_ros.core.supervisor import Mode, Policy
 from flatsat_ros.core.wire import PITCH_SIGN, setpoint_from_input
 from flatsat_ros.nodes import interfaces, messages, runtime
-from flatsat_ros.nodes.crazyswarm import DroneLink
+from flatsat_ros.nodes.crazyswarm import SETTLED, DroneLink
 from flatsat_ros.nodes.parameters import (
     declare,
     declare_choice,
@@ -47,8 +47,9 @@ _DIAGNOSTICS_PERIOD = 1.0  # s
 
 Answer = TypeVar("Answer", SetBool.Response, Trigger.Response)
 
-# how long the last commands may take to be acknowledged, s
+# how long the last commands may take to be acknowledged, and a hand-over to be through, s
 _FAREWELL = 0.5
+_PATIENCE = 0.05  # s
 
 # parameter, what it means, unit, default and range of the tuning; Tuning's fields in order
 _TUNING = (
@@ -103,6 +104,8 @@ class ControllerNode(Node):  # type: ignore[misc]
             declare(self, name, default, meaning, unit=unit, bounds=valid, changeable=True)
             for robot in self.robots:
                 declare_override(self, f"robots.{robot}.{name}", meaning, unit)
+        # zero thrust from the next tick on, the tick after it, the notice that no more follows
+        self._unlock_time = policy.unlock_time + 2.0 * self._certificate.period + SETTLED
         self._takeoff_height = declare(
             self, "takeoff_height", 0.5, "how high the takeoff service sends a drone", unit="m", bounds=(0.05, 100.0)
         )
@@ -113,7 +116,6 @@ class ControllerNode(Node):  # type: ignore[misc]
 
         self._origin = self.get_clock().now().nanoseconds
         self._poses: list[tuple[int, bytes]] = []
-        self._commanded = [False] * len(self.robots)
         self._durations: list[float] = []
         self._last: Tick | None = None
         self._command = Twist()
@@ -136,12 +138,15 @@ class ControllerNode(Node):  # type: ignore[misc]
 
     def finish(self) -> None:
         """Send the last safe commands: level and sinking in the air, zero thrust otherwise; nothing to idle drones."""
-        for index, row in enumerate(self._pilot.last_input()):
-            if self._commanded[index] and self._last is not None:
-                self._publish_command(index, row, 0.0, self._last)
-        for index, publisher in enumerate(self._command_publishers):
-            if self._commanded[index]:
-                publisher.wait_for_all_acked(Duration(seconds=_FAREWELL))
+        end = self.get_clock().now() + Duration(seconds=_FAREWELL)
+        while any(link.is_releasing for link in self._links) and self.get_clock().now() < end:
+            self.executor.spin_once(timeout_sec=_PATIENCE)
+        active = np.flatnonzero(self._pilot.mode != Mode.IDLE.value)
+        for index in active:
+            scale = max(float(self._last.thrust_scale[index]), 1.0)
+            self._publish_command(index, self._pilot.last_input()[index], 0.0, self._last, scale)
+        for index in active:
+            self._command_publishers[index].wait_for_all_acked(Duration(seconds=_FAREWELL))
 
     def _connect(self, index: int, robot: str) -> None:
         pose, goal, trajectory = interfaces.POSE, interfaces.GOAL, interfaces.TRAJECTORY
@@ -162,7 +167,7 @@ class ControllerNode(Node):  # type: ignore[misc]
         actions: dict[str, Callable[[int], str | None]] = {
             "takeoff": lambda index: self._pilot.take_off(index, self._takeoff_height),
             "land": self._pilot.land,
-            "hand_over": self._pilot.hand_over,
+            "hand_over": self._hand_over,
         }
         for name in interfaces.TRIGGERS:
             self.create_service(
@@ -179,9 +184,17 @@ class ControllerNode(Node):  # type: ignore[misc]
         )
 
     def _arm(self, index: int, wanted: bool) -> str:
-        """Allow or forbid take-off, and arm or disarm the drone itself; return what it was asked for."""
+        """Allow or forbid take-off, and arm or disarm the drone itself; return what happens now."""
         self._pilot.arm(index, wanted)
-        return self._links[index].arm(wanted)
+        asked = self._links[index].arm(wanted)
+        if not self._pilot.is_opening(index):
+            return asked
+        return f"{asked}; the thrust lock opens: let others fly the drone after {self._unlock_time:.2f} s"
+
+    def _hand_over(self, index: int) -> None:
+        """Fall silent about a drone, and let it stay where it is if its link has a way to."""
+        self._pilot.hand_over(index)
+        self._links[index].release(in_flight=True)
 
     def _answer(self, answer: Answer, name: str, indices: Sequence[int], act: Callable[[int], str | None]) -> Answer:
         """Do something with some drones and say how it went for each; a refusal for one does not stop the others."""
@@ -231,7 +244,8 @@ class ControllerNode(Node):  # type: ignore[misc]
         rows = telemetry.rows(tick)
         for index in range(len(self.robots)):
             if tick.mode[index] != Mode.IDLE.value:
-                self._publish_command(index, tick.input[index], float(tick.yaw_rate[index]), tick)
+                scale, rate = float(tick.thrust_scale[index]), float(tick.yaw_rate[index])
+                self._publish_command(index, tick.input[index], rate, tick, scale)
             messages.fill_telemetry(self._telemetry, rows[index])
             self._telemetry_publishers[index].publish(self._telemetry)
 
@@ -244,20 +258,19 @@ class ControllerNode(Node):  # type: ignore[misc]
                 f"{self.robots[index]}: told to climb, but did not leave the ground: motors cut. Not armed, locked "
                 "until reboot, not linked, or heavier than its vehicle profile? A new reference tries again"
             )
-        was_idle, is_idle = before.mode == Mode.IDLE.value, now.mode == Mode.IDLE.value
-        for index in np.flatnonzero(was_idle & ~is_idle):
+        for index in np.flatnonzero(now.mode != Mode.IDLE.value):
             self._links[index].take()
-        for index in np.flatnonzero(is_idle & ~was_idle):
-            self._links[index].release(in_flight=before.mode[index] == Mode.FLY.value)
+        through = (before.mode == Mode.REST.value) | (before.mode == Mode.UNLOCK.value)
+        for index in np.flatnonzero(through & (now.mode == Mode.IDLE.value)):
+            self._links[index].release(in_flight=False)
 
-    def _publish_command(self, index: int, command: FloatArray, yaw_rate: float, tick: Tick) -> None:
+    def _publish_command(self, index: int, command: FloatArray, yaw_rate: float, tick: Tick, scale: float) -> None:
         thrust, roll, pitch = command.tolist()
-        asked = thrust / float(tick.thrust_scale[index])
         turn = yaw_rate if self._yaw_mode == "rate" else float(tick.yaw[index])
-        setpoint = setpoint_from_input(asked, roll, pitch, turn, self._vehicles[index], self._backend, self._yaw_mode)
+        vehicle, asked = self._vehicles[index], thrust / scale
+        setpoint = setpoint_from_input(asked, roll, pitch, turn, vehicle, self._backend, self._yaw_mode)
         messages.fill_command(self._command, setpoint)
         self._command_publishers[index].publish(self._command)
-        self._commanded[index] = True
 
     def _tuning_with(self, changed: dict[str, object]) -> Tuning:
         """Return the tuning with some parameters changed; a robot's own value goes over the common one.

@@ -19,7 +19,7 @@ from flatsat_ros.nodes import interfaces
 _PACKAGE = "crazyflie_interfaces"
 # The last set-point may still be under way when the drone is told that none follows; were it the last to arrive, the
 # drone would wait for the next one. The firmware keeps a set-point for 0.5 s.
-_SETTLED = 0.15  # s
+SETTLED = 0.15  # s
 _HOLD_TIME = 1.0  # s, in which the high-level commander comes to rest
 
 
@@ -38,18 +38,18 @@ class DroneLink:
         """Find nothing yet; `look` does."""
         self._node, self._robot = node, robot
         self._clients: dict[str, Client] = {}
-        self._released = False
+        self._released, self._pending = False, 0
 
     def look(self, offered: dict[str, list[str]]) -> None:
         """Connect to the services that are offered by now, by full name with their types."""
         for suffix in (interfaces.ARM, interfaces.NOTIFY, interfaces.GO_TO):
-            name = interfaces.drone_service_of(self._robot, suffix)
-            if suffix in self._clients:
+            name, client = interfaces.drone_service_of(self._robot, suffix), self._clients.get(suffix)
+            if client is not None and client.service_is_ready():
                 continue
-            for kind in offered.get(self._node.resolve_service_name(name), []):
-                if (found := self._kind(kind)) is not None:
-                    self._clients[suffix] = self._node.create_client(found, name)
-                    break
+            kinds = map(self._kind, offered.get(self._node.resolve_service_name(name), []))
+            found = next((kind for kind in kinds if kind is not None), None)
+            if found is not None and (client is None or found is not client.srv_type):
+                self._clients[suffix] = self._node.create_client(found, name)
 
     def _kind(self, name: str) -> Any | None:
         """Return the service type of a name, None if it is none that we know or have."""
@@ -90,20 +90,27 @@ class DroneLink:
         def tell() -> None:
             timer.cancel()
             self._node.destroy_timer(timer)
-            if self._released:
-                told = notify.call_async(notify.srv_type.Request())
-                self._node.get_logger().info(f"{notify.service_name}: no more set-points")
-                if in_flight:
-                    told.add_done_callback(stay)
+            if not self._released:
+                self._pending -= 1
+                return
+            notify.call_async(notify.srv_type.Request()).add_done_callback(stay)
+            self._node.get_logger().info(f"{notify.service_name}: no more set-points")
 
         def stay(_: Future) -> None:
-            if self._released:
+            if in_flight and self._released:
                 request = go_to.srv_type.Request(relative=True)
                 request.duration.sec = round(_HOLD_TIME)
                 go_to.call_async(request)
                 self._node.get_logger().info(f"{go_to.service_name}: hold the place")
+            self._pending -= 1
 
-        timer = self._node.create_timer(_SETTLED, tell)
+        self._pending += 1
+        timer = self._node.create_timer(SETTLED, tell)
+
+    @property
+    def is_releasing(self) -> bool:
+        """Whether something is still to be said to the drone."""
+        return self._pending > 0
 
     def take(self) -> None:
         """Note that set-points are sent again."""

@@ -124,6 +124,8 @@ def declare_vehicles(node: Node, robots: Sequence[Robot]) -> list[VehicleProfile
     """
     kind = "packaged name or path of a YAML file"
     common = declare(node, "vehicle", "cf21", f"vehicle profile: {kind}")
+    _refuse_strangers(node, "robots", [robot.name for robot in robots])
+    _refuse_strangers(node, "robot_types", sorted({robot.kind for robot in robots if robot.kind}))
     types = {
         name: declare(node, f"robot_types.{name}.vehicle", "", f"vehicle profile of type {name}; empty: the common one")
         for name in sorted({robot.kind for robot in robots if robot.kind})
@@ -133,6 +135,19 @@ def declare_vehicles(node: Node, robots: Sequence[Robot]) -> list[VehicleProfile
         own = declare(node, f"robots.{robot.name}.vehicle", "", "vehicle profile; empty: that of its type")
         profiles.append(VehicleProfile.load(config_path(own or types.get(robot.kind) or common, "vehicles")))
     return profiles
+
+
+def _refuse_strangers(node: Node, prefix: str, names: Sequence[str]) -> None:
+    """Refuse parameters given for a robot or type that is not there: ROS ignores them, and a drone would fly otherwise.
+
+    Raises:
+        FlatsatError: one is given.
+    """
+    for parameter in node._parameter_overrides:  # rclpy shows given but undeclared parameters nowhere else
+        given = parameter.removeprefix(f"{prefix}.")
+        if given != parameter and not any(given.startswith(f"{name}.") for name in names):
+            valid = f"must be one of {', '.join(names)}" if names else "none is known here"
+            raise FlatsatError(f"parameter {parameter}: no such name in {prefix}: {valid}")
 
 
 def robot_names(names: Sequence[str]) -> list[str]:

@@ -34,7 +34,11 @@ def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -
 
     signal.signal(signal.SIGINT, stop)
     signal.signal(signal.SIGTERM, stop)
-    rclpy.init(args=None if arguments is None else list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=None if arguments is None else list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # RCLError: arguments that ROS itself does not take
+        print("error: " + " ".join(str(error).split()), file=sys.stderr)
+        return 2
     try:
         node = make_node()
     except FlatsatError as error:

@@ -35,7 +35,6 @@ FREE_FALL = 0.1  # g; supervisor.c isTumbledCheck
 TILTED, TILTED_TIME = 0.5, 1000  # g, ms; platform_defaults.h SUPERVISOR_TUMBLE_CHECK_ACCEPTED_TILT_*
 UPSIDE_DOWN, UPSIDE_DOWN_TIME = -0.2, 100  # g, ms; platform_defaults.h SUPERVISOR_TUMBLE_CHECK_ACCEPTED_UPSIDEDOWN_*
 BATTERY_TIME = 5000  # ms; platform_defaults_cf2.h DEFAULT_BAT_LOW_DURATION_TO_TRIGGER_SEC
-# PWM; platform_defaults_cf2.h and, for the one platform that has to be armed, platform_defaults_cf21bl.h
 NEVER = -(10**9)  # ms; an event that has not happened
 
 

@@ -203,15 +203,6 @@ class SimulatedFleet:
         self._check(index)
         self._send(lambda _now: self.firmware.notify_setpoints_stop(index))
 
-    def stop(self, index: int) -> None:
-        """Send the high-level command to stop the motors, at the time advanced to; streamed set-points go on.
-
-        Raises:
-            FlatsatError: no such drone.
-        """
-        self._check(index)
-        self._send(lambda _now: self.firmware.high_level.stop(index))
-
     def reboot(self, index: int) -> None:
         """Set a drone on its feet where it is, and switch it off and on."""
         self._check(index)

@@ -19,7 +19,7 @@ robots:
     type: cf21
     firmware_params: {stabilizer: {controller: 1}}
   cf5: {enabled: false, uri: radio://0/80/2M/E7E7E7E705, initial_position: [0, 0, 0], type: cf21}
-  cf7: {}
+  cf7: {uri: null, type: null}
 robot_types:
   cf21: {motion_capture: {tracking: librigidbodytracker}}
 all: {firmware_logging: {enabled: true}}

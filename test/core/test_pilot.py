@@ -49,6 +49,7 @@ class World:
         self.yaw = np.zeros(count)
         self.blind = np.zeros(count, dtype=bool)
         self.held = False
+        self.missing = 0.0  # of the thrust, m/s^2
         self.steps = 0
         self.offset = 0.0
         self.ticks: list[Tick] = []
@@ -71,10 +72,9 @@ class World:
                 self.v = acceleration_from_input(ticks[-1].input, self.yaw)
                 self.v[ticks[-1].mode == Mode.IDLE] = 0.0  # somebody else holds it
                 self.rate = ticks[-1].yaw_rate
-            if self.held:
-                self.v = np.zeros_like(self.v)
-            self.x[:, :3] += 0.01 * self.x[:, 3:] + 0.01**2 / 2.0 * self.v
-            self.x[:, 3:] += 0.01 * self.v
+            v = np.zeros_like(self.v) if self.held else self.v - (0.0, 0.0, self.missing)
+            self.x[:, :3] += 0.01 * self.x[:, 3:] + 0.01**2 / 2.0 * v
+            self.x[:, 3:] += 0.01 * v
             self.x[(self.x[:, 2] <= 0.0) & (self.x[:, 5] <= 0.0), 2:] *= 0.0
             self.yaw += 0.01 * self.rate
             self.steps += 1
@@ -326,11 +326,85 @@ def test_arming_never_commands_a_drone_in_the_air_or_one_that_is_not_seen() -> N
     world = World(start=(0.0, 0.0, 1.0))
     world.fly(0.5)
     world.pilot.arm(0, True)
+    assert not world.pilot.is_opening(0)
     assert modes(world.fly(1.0)) == [Mode.IDLE]
     unseen = World()
     unseen.blind[:] = True
     unseen.pilot.arm(0, True)
+    assert not unseen.pilot.is_opening(0)
     assert modes(unseen.fly(1.0)) == [Mode.IDLE]
+    unseen.blind[:] = False
+    assert modes(unseen.fly(1.0)) == [Mode.IDLE]
+
+
+@pytest.mark.parametrize("height", [0.0, 1.0])
+def test_an_arming_that_loses_its_poses_is_forgotten_before_somebody_else_flies_the_drone(height: float) -> None:
+    world = World()
+    world.fly(0.5)
+    world.blind[:] = True
+    world.fly(0.3)
+    world.pilot.arm(0, True)
+    assert world.pilot.is_opening(0)
+    assert modes(world.fly(2.0)) == [Mode.IDLE]
+    world.x[0, 2] = height
+    world.blind[:] = False
+    assert modes(world.fly(2.0)) == [Mode.IDLE]
+
+
+def test_arming_twice_opens_the_lock_as_long_as_once() -> None:
+    world = World()
+    world.fly(0.5)
+    world.pilot.arm(0, True)
+    once = world.fly(0.2)
+    world.pilot.arm(0, True)
+    again = world.fly(1.0)
+    assert sum(tick.mode[0] == Mode.UNLOCK for tick in once + again) >= POLICY.unlock_time / CERTIFICATE.period
+
+
+def test_a_drone_that_somebody_else_flies_is_not_disarmed() -> None:
+    world = airborne()
+    world.pilot.hand_over(0)
+    assert modes(world.fly(1.0)) == [Mode.IDLE]
+    with pytest.raises(FlatsatError, match=r"z = 1\.00 m, flown by somebody else"):
+        world.pilot.arm(0, False)
+    with pytest.raises(FlatsatError, match="only one on the ground takes off"):
+        world.pilot.take_off(0, 0.5)
+
+
+def test_disarming_withdraws_a_goal() -> None:
+    world = World()
+    world.pilot.refer(0, Trajectory.hold(GOAL))
+    world.pilot.arm(0, False)
+    world.pilot.arm(0, True)
+    assert Mode.FLY not in modes(world.fly(2.0))
+
+
+@pytest.mark.parametrize("by_goal", [True, False])
+def test_poses_that_come_back_start_a_drone_that_has_a_goal_but_no_take_off_of_before(by_goal: bool) -> None:
+    world = World()
+    world.pilot = Pilot(CERTIFICATE, tuning(), Policy(unlock_time=1.0), 1)
+    world.fly(0.5)
+    if by_goal:
+        world.pilot.refer(0, Trajectory.hold(GOAL))
+    else:
+        world.pilot.take_off(0, 0.5)
+    assert modes(world.fly(0.2))[-1] is Mode.UNLOCK
+    world.blind[:] = True
+    assert modes(world.fly(3.0))[-1] is Mode.IDLE
+    world.blind[:] = False
+    assert (Mode.FLY in modes(world.fly(3.0))) == by_goal
+
+
+def test_a_falling_drone_does_not_take_off_by_service() -> None:
+    world = airborne()
+    world.blind[:] = True
+    assert modes(world.fly(5.0))[-1] is Mode.CUT
+    world.x[0, 2:] = 1.3, 0.0, 0.0, 0.0
+    world.held = True
+    world.blind[:] = False
+    world.fly(0.5)
+    with pytest.raises(FlatsatError, match=r"in CUT at z = 1\.30 m"):
+        world.pilot.take_off(0, 0.5)
 
 
 @pytest.mark.parametrize("by_goal", [True, False])
@@ -370,3 +444,45 @@ def test_a_drone_that_rests_on_the_ground_by_its_goal_is_not_cut() -> None:
     world.fly(0.5)
     world.pilot.refer(0, Trajectory.hold([-0.6, -0.6, 0.0]))
     assert modes(world.fly(10.0)) == [Mode.UNLOCK, Mode.FLY]
+
+
+@pytest.mark.parametrize("goal", [0.4, 2.0])
+def test_a_drone_that_was_unlocked_high_up_and_is_off_its_place_is_never_cut(goal: float) -> None:
+    world = airborne()
+    world.blind[:] = True
+    world.fly(5.0)
+    world.x[0], world.held = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0), True  # in somebody's hand
+    world.blind[:] = False
+    assert modes(world.fly(1.0))[-1] is Mode.CUT
+    world.pilot.refer(0, Trajectory.hold([0.0, 0.0, goal]))
+    assert modes(world.fly(0.3))[-1] is Mode.UNLOCK
+    world.held = False
+    world.missing = 0.7  # m/s^2: it asks for more all the time
+    ticks = world.fly(15.0)
+    assert max(float(tick.output.acceleration[0, 2]) for tick in ticks[-50:]) > 0.5
+    assert modes(ticks[1:]) == [Mode.FLY]
+
+
+def test_a_drone_that_has_lifted_off_is_never_cut_however_long_it_asks_for_more() -> None:
+    world = World()
+    world.fly(0.5)
+    world.pilot.refer(0, Trajectory.hold([-0.6, -0.6, 1.0]))
+    world.missing = 0.7
+    ticks = world.fly(20.0)
+    assert max(float(tick.output.acceleration[0, 2]) for tick in ticks[-50:]) > 0.5
+    assert modes(ticks) == [Mode.UNLOCK, Mode.FLY]
+
+
+def test_an_estimated_thrust_never_makes_a_blind_drone_climb() -> None:
+    pilot = Pilot(CERTIFICATE, tuning(), Policy(thrust_error_max=0.5, disturbance_max=0.8), 1)
+    world = World()
+    world.pilot = pilot
+    world.fly(0.5)
+    pilot.refer(0, Trajectory.hold([-0.6, -0.6, 1.0]))
+    world.missing = 3.0
+    ticks = world.fly(20.0)
+    assert ticks[-1].thrust_scale[0] < 0.9
+    world.blind[:] = True
+    ticks = world.fly(2.0)
+    assert ticks[-1].mode[0] == Mode.LEVEL
+    assert ticks[-1].input[0, 0] / ticks[-1].thrust_scale[0] < LIMITS.gravity

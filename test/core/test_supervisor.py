@@ -18,7 +18,8 @@ POLICY = Policy(pose_timeout=0.3, level_time=3.0, unlock_time=0.5, ground_height
 TABLE = [
     (Mode.IDLE, False, None, None, None, None, False, None, Mode.IDLE),
     (Mode.IDLE, False, False, None, None, None, True, None, Mode.IDLE),
-    (Mode.IDLE, False, True, None, None, None, True, None, Mode.UNLOCK),
+    (Mode.IDLE, False, True, True, None, None, True, None, Mode.UNLOCK),
+    (Mode.IDLE, False, True, False, None, None, True, None, Mode.IDLE),
     (Mode.IDLE, True, False, None, None, None, None, None, Mode.IDLE),
     (Mode.IDLE, True, True, True, None, None, None, None, Mode.UNLOCK),
     (Mode.IDLE, True, True, False, None, None, None, None, Mode.FLY),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -84,6 +85,22 @@ def test_a_drone_taken_back_at_once_is_not_cut(lab: Lab) -> None:
     lab.listen(2.0)
     assert mode(telemetry) is Mode.FLY
     assert min(pose.pose.position.z for pose in poses[begin:]) > 0.4
+
+
+@pytest.mark.parametrize("pause", [0.0, 2.0])
+def test_the_end_of_the_controller_leaves_a_drone_that_was_handed_over_in_the_air(lab: Lab, pause: float) -> None:
+    poses, commands = lab.watch(interfaces.POSE, "cf1"), lab.watch(interfaces.COMMAND, "cf1")
+    lab.start("sim_drone", robot_names=["cf1"])
+    controller = lab.fly("cf1")
+    lab.go_to("cf1", (0.0, 0.0, 0.8))
+    lab.wait_for_flight("cf1", poses, (0.0, 0.0, 0.8), 0.15)
+    assert lab.ask(Trigger, interfaces.service_of("cf1", "hand_over")).success
+    lab.listen(pause)
+    sent = len(commands)
+    assert controller.stop(signal.SIGINT) == 0
+    lab.listen(4.0)
+    assert len(commands) == sent
+    assert height(poses) > 0.5
 
 
 def test_after_a_landing_the_drones_own_commander_may_take_off(lab: Lab) -> None:

@@ -39,7 +39,8 @@ def test_drones_of_two_types_fly_side_by_side_and_turn_to_their_yaw(lab: Lab, cr
     commands = {robot: lab.watch(interfaces.COMMAND, robot) for robot in poses}
     lab.start("sim_drone", **kinds)
     lab.start("controller", pose_timeout=2.0, **kinds)
-    lab.wait(lambda: lab.ask(SetBool, "cf2/arm", data=True).success, "the brushless drone to be armed")
+    arm = interfaces.service_of("cf2", interfaces.ARM)
+    lab.wait(lambda: "asked to arm" in lab.ask(SetBool, arm, data=True).message, "the brushless drone to be armed")
     for robot, y in (("cf1", 0.0), ("cf2", 1.0)):
         goal = PoseStamped()
         messages.fill_pose(goal, 0, (0.3, y, 0.5), (0.0, 0.0, math.sin(0.5), math.cos(0.5)))

@@ -327,7 +327,6 @@ def test_a_thrust_that_no_packet_can_carry_is_refused(sent: float) -> None:
         (lambda fleet: fleet.go_to(0, [0.0, 0.0, 1.0], np.nan, 1.0), "yaw is nan: valid is a finite angle, rad"),
         (lambda fleet: fleet.go_to(0, [0.0, 0.0, 1.0], 0.0, np.nan), "duration is nan: valid is 0 s or more"),
         (lambda fleet: fleet.notify_setpoints_stop(-1), "index is -1"),
-        (lambda fleet: fleet.stop(7), "index is 7"),
     ],
 )
 def test_a_bad_high_level_command_is_refused_by_name(call: object, refused: str) -> None:

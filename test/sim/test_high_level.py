@@ -263,7 +263,7 @@ def test_streamed_set_points_take_over_at_once_but_with_thrust_only_if_it_was_un
 def test_stop_cuts_the_motors_and_locks_nothing() -> None:
     """crtp_commander_high_level.c stop, planner.c plan_stop."""
     fleet = hovering()
-    fleet.stop(0)
+    fleet.firmware.high_level.stop(0)
     wait(fleet, 0.03)
     assert off(fleet)
     wait(fleet, 4.0)
@@ -274,7 +274,7 @@ def test_stop_cuts_the_motors_and_locks_nothing() -> None:
 def test_stop_leaves_streamed_set_points_alone() -> None:
     """commander.c commanderSetSetpoint: the null set-point of the stopped planner has the lower priority."""
     fleet = streamed()
-    fleet.stop(0)
+    fleet.firmware.high_level.stop(0)
     stream(fleet, 0.1)
     assert not off(fleet)
 
