@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
@@ -47,6 +48,7 @@ class Conductor(Node):  # type: ignore[misc]
         super().__init__("flatsat_demo", namespace=namespace)
         self._robots = list(robots)
         self._executor = executor
+        self._interrupted = False
         self.recorded: list[Recorded] = []
         self._newest: dict[str, bytes] = {}  # message by topic
         goal, trajectory = interfaces.GOAL, interfaces.TRAJECTORY
@@ -135,6 +137,12 @@ class Conductor(Node):  # type: ignore[misc]
         end = self.now() + round(seconds * messages.NANOSECONDS)
         while self.now() < end:
             self._executor.spin_once(timeout_sec=seconds)
+            if self._interrupted:
+                raise KeyboardInterrupt
+
+    def interrupt(self) -> None:
+        """Let the next spin end with a KeyboardInterrupt."""
+        self._interrupted = True
 
     def seconds(self, nanoseconds: int) -> float:
         """Return a time as seconds after the first recorded message."""
@@ -168,15 +176,20 @@ class Conductor(Node):  # type: ignore[misc]
 
 @contextmanager
 def conducting(robots: Sequence[str], namespace: str) -> Iterator[Conductor]:
-    """Run a conductor in this process; interrupts stay Python's."""
+    """Run a conductor in this process; an interrupt is raised where messages are let in.
+
+    Raised wherever it comes, a KeyboardInterrupt can get lost, as in a finalizer: a demo once flew on.
+    """
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     executor = EventsExecutor()
     try:
         conductor = Conductor(robots, namespace, executor)
         executor.add_node(conductor)
+        before = signal.signal(signal.SIGINT, lambda *_: conductor.interrupt())
         try:
             yield conductor
         finally:
+            signal.signal(signal.SIGINT, before)
             conductor.destroy_node()
     finally:
         executor.shutdown()

@@ -311,3 +311,14 @@ def test_an_interrupted_demo_stops_its_nodes(live: subprocess.Popen[str], tmp_pa
     live.communicate(timeout=60)
     assert live.returncode == 130
     assert not any(Path(f"/proc/{pid}").exists() for pid in nodes.values())
+
+
+def test_an_interrupt_is_raised_where_messages_are_let_in(ros_domain: int) -> None:
+    from flatsat_ros.nodes.conductor import conducting
+
+    before = signal.getsignal(signal.SIGINT)
+    with conducting(["cf1"], "/interrupted") as conductor:
+        signal.raise_signal(signal.SIGINT)  # not here, where it might be lost
+        with pytest.raises(KeyboardInterrupt):
+            conductor.spin(0.01)
+    assert signal.getsignal(signal.SIGINT) is before
