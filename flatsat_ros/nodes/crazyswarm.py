@@ -38,6 +38,7 @@ class DroneLink:
         """Find nothing yet; `look` does."""
         self._node, self._robot = node, robot
         self._clients: dict[str, Client] = {}
+        self._strange: dict[str, list[str]] = {}  # types that are offered and not known or not installed here
         self._released, self._pending = False, 0
 
     def look(self, offered: dict[str, list[str]]) -> None:
@@ -46,8 +47,9 @@ class DroneLink:
             name, client = interfaces.drone_service_of(self._robot, suffix), self._clients.get(suffix)
             if client is not None and client.service_is_ready():
                 continue
-            kinds = map(self._kind, offered.get(self._node.resolve_service_name(name), []))
-            found = next((kind for kind in kinds if kind is not None), None)
+            types = offered.get(self._node.resolve_service_name(name), [])
+            found = next((kind for kind in map(self._kind, types) if kind is not None), None)
+            self._strange[suffix] = types if found is None else []
             if found is not None and (client is None or found is not client.srv_type):
                 self._clients[suffix] = self._node.create_client(found, name)
 
@@ -62,7 +64,9 @@ class DroneLink:
         """Ask the drone to arm or disarm; return a sentence about it: its link may have no such service."""
         client = self._ready(interfaces.ARM)
         if client is None:
-            return f"{self._robot}: the drone itself was not asked: no service {self._robot}/{interfaces.ARM}"
+            strange = ", ".join(self._strange.get(interfaces.ARM, []))
+            why = f" of a type that is installed here, only {strange}" if strange else ""
+            return f"{self._robot}: the drone itself was not asked: no service {self._robot}/{interfaces.ARM}{why}"
         kind = client.srv_type
         request = kind.Request(data=wanted) if kind is SetBool else kind.Request(arm=wanted)
         client.call_async(request).add_done_callback(self._report)

@@ -146,7 +146,10 @@ def test_without_the_interfaces_crazyswarm2s_services_are_left_alone(
 ) -> None:
     monkeypatch.setattr(crazyswarm, "services", lambda: None)
     alone = link(node)
-    assert "the drone itself was not asked: no service cf1/arm" in alone.arm(True)
+    assert alone.arm(True) == (
+        "cf1: the drone itself was not asked: no service cf1/arm of a type that is installed here, "
+        "only crazyflie_interfaces/srv/Arm"
+    )
     alone.release(in_flight=True)
     node.let_pass()
     assert node.asked == []
