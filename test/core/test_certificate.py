@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import dataclasses
 import math
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -218,7 +217,7 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(
     def fail(*arguments: object, **options: object) -> None:
         raise OSError("disk full")
 
-    monkeypatch.setattr(os, "replace", fail)
+    monkeypatch.setattr(Path, "replace", fail)
     with pytest.raises(FlatsatError, match="cannot be written: disk full"):
         make(rate=1.2).save(path)
     assert path.read_bytes() == before
