@@ -134,6 +134,7 @@ class Lab:
         self._processes: list[Process] = []
         self._publishers: dict[str, Any] = {}
         self._clients: dict[str, AsyncParameterClient] = {}
+        self._services: dict[tuple[type[Any], str], Any] = {}
         self._context = rclpy.Context()
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self.node = Node("observer", context=self._context)
@@ -291,8 +292,13 @@ class Lab:
 
     def ask(self, kind: type[Any], name: str, **fields: object) -> Any:
         """Call a service, once it is there, and return its answer."""
-        client = self.node.create_client(kind, name)
-        self.wait(client.service_is_ready, f"the service {name}")
+        if (kind, name) not in self._services:
+            self._services[kind, name] = self.node.create_client(kind, name)
+        client = self._services[kind, name]
+        if not client.service_is_ready():
+            self.wait(client.service_is_ready, f"the service {name}")
+            # ready says that requests arrive; an answer gets lost while the server does not know this client yet
+            self.listen(0.3)
         return self.answer(client.call_async(kind.Request(**fields)))
 
     def wait_for_flight(self, robot: str, poses: list[Any], goal: Sequence[float], tolerance: float) -> None:
