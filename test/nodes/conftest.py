@@ -134,6 +134,7 @@ class Lab:
         self._processes: list[Process] = []
         self._publishers: dict[str, Any] = {}
         self._clients: dict[str, AsyncParameterClient] = {}
+        self._linked: set[str] = set()
         self._services: dict[tuple[type[Any], str], Any] = {}
         self._context = rclpy.Context()
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
@@ -264,6 +265,10 @@ class Lab:
             return bool(listeners - {self.node.get_name()})
 
         self.wait(is_heard, f"{robot} to listen to its commands")
+        if robot not in self._linked:
+            self._linked.add(robot)
+            # we know the listener; the controller may not yet, and its unlocking would go unheard
+            self.listen(0.7)
 
     def set_parameters(self, values: dict[str, object], *, atomically: bool = False) -> list[tuple[bool, str]]:
         """Set parameters of the controller through its services; return (successful, reason) of each, or of all."""
