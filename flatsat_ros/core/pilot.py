@@ -100,6 +100,7 @@ class Pilot:
         self._ground = np.full(count, -np.inf)  # height at which it was unlocked, m
         self._climbing = np.zeros(count, dtype=bool)  # told to climb at the last tick
         self._held_since = np.full(count, np.inf)
+        self._again = np.zeros(count, dtype=bool)  # unlocked a second time for the same reference
         self._armed = np.ones(count, dtype=bool)
         self._opening = np.zeros(count, dtype=bool)  # armed on the ground, to be unlocked
         self._state, self._usable = np.zeros((count, 6)), np.zeros(count, dtype=bool)  # of the last tick
@@ -128,7 +129,7 @@ class Pilot:
         self._references.assign(index, trajectory)
         self._margin[index] = margin
         self._requested[index] = self._referred[index] = self._waits[index] = True
-        self._landing[index] = False
+        self._landing[index] = self._again[index] = False
 
     def arm(self, index: int, armed: bool) -> None:
         """Allow drone index to take off, or forbid it; all are armed at first.
@@ -339,6 +340,7 @@ class Pilot:
                 policy=self.policy,
                 opening=bool(self._opening[i]),
                 stuck=bool(stuck[i]),
+                again=bool(self._again[i]),
             )
             self._opening[i] &= after is Mode.UNLOCK
             if after is before:
@@ -347,7 +349,7 @@ class Pilot:
             if after in (Mode.CUT, Mode.REST):
                 self._requested[i] = self._landing[i] = False
             elif after is Mode.UNLOCK:
-                self._ground[i] = self._state[i, 2]
+                self._ground[i], self._again[i] = self._state[i, 2], before is Mode.FLY
             elif after is Mode.IDLE:
                 self._requested[i] &= self._waits[i]
             elif after is Mode.FLY and before is not Mode.LEVEL:

@@ -5,7 +5,7 @@
       +-------------------------- reference, estimate, in the air --------+     UNLOCK <--new reference--+
 
     FLY --landing, touched down--> REST --rest time--> IDLE
-    FLY --told to climb, held on the ground for the lift-off time--> CUT
+    FLY --told to climb, held on the ground for the lift-off time--> UNLOCK, the second time CUT
     IDLE --armed on the ground--> UNLOCK --unlock time--> IDLE
 
 IDLE is silent, so that starting the controller never takes a drone away from whoever flies it. A command is computed
@@ -89,6 +89,7 @@ def next_mode(
     policy: Policy,
     opening: bool = False,
     stuck: bool = False,
+    again: bool = False,
 ) -> Mode:
     """Return the mode that follows.
 
@@ -102,13 +103,16 @@ def next_mode(
         policy: the figures.
         opening: the drone was armed on the ground, to be unlocked without flying.
         stuck: the drone was told to climb and stayed on the ground for the lift-off time.
+        again: it has been unlocked a second time already; the first time its link may not have been there yet.
     """
     if mode is Mode.FLY:
         if not usable:
             return Mode.LEVEL
         if down:
             return Mode.REST
-        return Mode.CUT if stuck else Mode.FLY
+        if stuck:
+            return Mode.CUT if again else Mode.UNLOCK
+        return Mode.FLY
     if mode is Mode.REST:
         return Mode.IDLE if elapsed >= policy.rest_time else Mode.REST
     if mode is Mode.LEVEL:

@@ -14,34 +14,35 @@ from flatsat_ros.core.supervisor import Mode, Policy, next_mode
 
 POLICY = Policy(pose_timeout=0.3, level_time=3.0, unlock_time=0.5, ground_height=0.15, level_thrust=0.9)
 
-# mode, requested, usable, on the ground, its time is over, down, opening, stuck: next; None where it does not matter
+# mode, requested, usable, on the ground, its time is over, down, opening, stuck, again: next; None where any will do
 TABLE = [
-    (Mode.IDLE, False, None, None, None, None, False, None, Mode.IDLE),
-    (Mode.IDLE, False, False, None, None, None, True, None, Mode.IDLE),
-    (Mode.IDLE, False, True, True, None, None, True, None, Mode.UNLOCK),
-    (Mode.IDLE, False, True, False, None, None, True, None, Mode.IDLE),
-    (Mode.IDLE, True, False, None, None, None, None, None, Mode.IDLE),
-    (Mode.IDLE, True, True, True, None, None, None, None, Mode.UNLOCK),
-    (Mode.IDLE, True, True, False, None, None, None, None, Mode.FLY),
-    (Mode.UNLOCK, False, None, None, None, None, False, None, Mode.IDLE),
-    (Mode.UNLOCK, False, False, None, None, None, True, None, Mode.IDLE),
-    (Mode.UNLOCK, False, True, None, False, None, True, None, Mode.UNLOCK),
-    (Mode.UNLOCK, False, True, None, True, None, True, None, Mode.IDLE),
-    (Mode.UNLOCK, True, False, None, None, None, None, None, Mode.IDLE),
-    (Mode.UNLOCK, True, True, None, False, None, None, None, Mode.UNLOCK),
-    (Mode.UNLOCK, True, True, None, True, None, None, None, Mode.FLY),
-    (Mode.FLY, None, True, None, None, False, None, False, Mode.FLY),
-    (Mode.FLY, None, True, None, None, False, None, True, Mode.CUT),
-    (Mode.FLY, None, True, None, None, True, None, None, Mode.REST),
-    (Mode.FLY, None, False, None, None, None, None, None, Mode.LEVEL),
-    (Mode.LEVEL, None, True, None, None, None, None, None, Mode.FLY),
-    (Mode.LEVEL, None, False, None, False, None, None, None, Mode.LEVEL),
-    (Mode.LEVEL, None, False, None, True, None, None, None, Mode.CUT),
-    (Mode.CUT, False, None, None, None, None, None, None, Mode.CUT),
-    (Mode.CUT, True, False, None, None, None, None, None, Mode.CUT),
-    (Mode.CUT, True, True, None, None, None, None, None, Mode.UNLOCK),
-    (Mode.REST, None, None, None, False, None, None, None, Mode.REST),
-    (Mode.REST, None, None, None, True, None, None, None, Mode.IDLE),
+    (Mode.IDLE, False, None, None, None, None, False, None, None, Mode.IDLE),
+    (Mode.IDLE, False, False, None, None, None, True, None, None, Mode.IDLE),
+    (Mode.IDLE, False, True, True, None, None, True, None, None, Mode.UNLOCK),
+    (Mode.IDLE, False, True, False, None, None, True, None, None, Mode.IDLE),
+    (Mode.IDLE, True, False, None, None, None, None, None, None, Mode.IDLE),
+    (Mode.IDLE, True, True, True, None, None, None, None, None, Mode.UNLOCK),
+    (Mode.IDLE, True, True, False, None, None, None, None, None, Mode.FLY),
+    (Mode.UNLOCK, False, None, None, None, None, False, None, None, Mode.IDLE),
+    (Mode.UNLOCK, False, False, None, None, None, True, None, None, Mode.IDLE),
+    (Mode.UNLOCK, False, True, None, False, None, True, None, None, Mode.UNLOCK),
+    (Mode.UNLOCK, False, True, None, True, None, True, None, None, Mode.IDLE),
+    (Mode.UNLOCK, True, False, None, None, None, None, None, None, Mode.IDLE),
+    (Mode.UNLOCK, True, True, None, False, None, None, None, None, Mode.UNLOCK),
+    (Mode.UNLOCK, True, True, None, True, None, None, None, None, Mode.FLY),
+    (Mode.FLY, None, True, None, None, False, None, False, None, Mode.FLY),
+    (Mode.FLY, None, True, None, None, False, None, True, False, Mode.UNLOCK),
+    (Mode.FLY, None, True, None, None, False, None, True, True, Mode.CUT),
+    (Mode.FLY, None, True, None, None, True, None, None, None, Mode.REST),
+    (Mode.FLY, None, False, None, None, None, None, None, None, Mode.LEVEL),
+    (Mode.LEVEL, None, True, None, None, None, None, None, None, Mode.FLY),
+    (Mode.LEVEL, None, False, None, False, None, None, None, None, Mode.LEVEL),
+    (Mode.LEVEL, None, False, None, True, None, None, None, None, Mode.CUT),
+    (Mode.CUT, False, None, None, None, None, None, None, None, Mode.CUT),
+    (Mode.CUT, True, False, None, None, None, None, None, None, Mode.CUT),
+    (Mode.CUT, True, True, None, None, None, None, None, None, Mode.UNLOCK),
+    (Mode.REST, None, None, None, False, None, None, None, None, Mode.REST),
+    (Mode.REST, None, None, None, True, None, None, None, None, Mode.IDLE),
 ]
 
 HEIGHTS = {True: (-1.0, 0.0, 0.1499), False: (0.15, 1.0)}
@@ -54,8 +55,8 @@ DURATION = {Mode.UNLOCK: POLICY.unlock_time, Mode.LEVEL: POLICY.level_time, Mode
 def test_every_transition_is_the_tables(mode: Mode, requested: bool, usable: bool) -> None:
     limit = DURATION.get(mode, 1.0)
     ages = {False: (0.0, limit / 2.0, math.nextafter(limit, 0.0)), True: (limit, 10.0 * limit, math.inf)}
-    for ground, over, down, opening, stuck in itertools.product([False, True], repeat=5):
-        present = (mode, requested, usable, ground, over, down, opening, stuck)
+    for ground, over, down, opening, stuck, again in itertools.product([False, True], repeat=6):
+        present = (mode, requested, usable, ground, over, down, opening, stuck, again)
         rows = [row for row in TABLE if all(a in (None, b) for a, b in zip(row[:-1], present, strict=True))]
         assert len(rows) == 1, "the table itself must be complete and unique"
         for height, elapsed in itertools.product(HEIGHTS[ground], ages[over]):
@@ -69,6 +70,7 @@ def test_every_transition_is_the_tables(mode: Mode, requested: bool, usable: boo
                 policy=POLICY,
                 opening=opening,
                 stuck=stuck,
+                again=again,
             )
             assert after is rows[0][-1]
 

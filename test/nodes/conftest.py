@@ -267,7 +267,7 @@ class Lab:
         self.wait(is_heard, f"{robot} to listen to its commands")
         if robot not in self._linked:
             self._linked.add(robot)
-            # we know the listener; the controller may not yet, and its unlocking would go unheard
+            # we know the listener; the controller may not yet, and would have to unlock it a second time
             self.listen(0.7)
 
     def set_parameters(self, values: dict[str, object], *, atomically: bool = False) -> list[tuple[bool, str]]:

@@ -226,3 +226,15 @@ def test_the_thrust_scale_is_found_in_flight_and_kept_through_landings(scale: fl
     flight.pilot.take_off(0, 0.6)
     flight.let_pass(20.0)
     assert np.array(flight.thrust_scales) == pytest.approx(scale, abs=0.03)
+
+
+def test_a_drone_that_is_locked_again_after_its_unlocking_flies_none_the_less() -> None:
+    flight = Flight()
+    flight.pilot.take_off(0, 0.6)
+    flight.let_pass(0.5)
+    flight.fleet.reboot(0)  # as if the zeros had gone unheard
+    flight.let_pass(1.0)
+    assert flight.height == 0.0
+    flight.let_pass(12.0)
+    assert flight.modes == [Mode.IDLE, Mode.UNLOCK, Mode.FLY, Mode.UNLOCK, Mode.FLY][-len(flight.modes) :]
+    assert flight.height == pytest.approx(0.6, abs=0.15)
