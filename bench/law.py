@@ -10,10 +10,10 @@ import numpy as np
 from rivals import CvxpyAtOnce, CvxpyEach, Osqp16, RawClarabel
 from tqdm import tqdm
 
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.certificate import Certificate
 from flatsat_ros.core.controller import Controller, Memory
-from flatsat_ros.core.errors import FlatsatError
-from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.gain import Tuning
 from flatsat_ros.core.pilot import Pilot
 from flatsat_ros.core.reference import Trajectory

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flatsat_ros._resources import config_path
+from flatsat_ros.base.resources import config_path
 from flatsat_ros.core.certificate import Certificate
 from flatsat_ros.core.gain import Tuning
 from flatsat_ros.core.input_set import InputSet

@@ -16,7 +16,7 @@ import numpy as np
 import osqp
 from scipy import sparse
 
-from flatsat_ros.core.flatness import FloatArray
+from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.core.input_set import InputSet
 
 SIDES = 16

@@ -26,9 +26,9 @@ import processes
 from report import Quartiles, Target, quartiles, table
 from tqdm import tqdm
 
-from flatsat_ros._resources import config_path
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.resources import config_path
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.synthesis.nominal import synthesize
 
 _CERTIFICATE = "paper_experiment"

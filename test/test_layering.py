@@ -28,13 +28,13 @@ class Room:
 NO_ROS = frozenset({"numpy", "scipy", "yaml"})
 ROOMS = {
     "__init__": Room(),
-    "_resources": Room(rooms=frozenset({"core"})),
-    "core": Room(libraries=frozenset({"numpy", "yaml"})),
-    "synthesis": Room(rooms=frozenset({"core"}), libraries=NO_ROS | {"clarabel", "cvxpy", "tqdm"}),
-    "sim": Room(rooms=frozenset({"core"}), libraries=NO_ROS),
-    "nodes": Room(rooms=frozenset({"core", "sim", "_resources"}), libraries=None),
+    "base": Room(libraries=frozenset({"numpy", "yaml"})),
+    "core": Room(rooms=frozenset({"base"}), libraries=frozenset({"numpy", "yaml"})),
+    "synthesis": Room(rooms=frozenset({"base", "core"}), libraries=NO_ROS | {"clarabel", "cvxpy", "tqdm"}),
+    "sim": Room(rooms=frozenset({"base", "core"}), libraries=NO_ROS),
+    "nodes": Room(rooms=frozenset({"base", "core", "sim"}), libraries=None),
     "cli": Room(
-        rooms=frozenset({"core", "sim", "synthesis", "_resources"}),
+        rooms=frozenset({"base", "core", "sim", "synthesis"}),
         lazy_rooms=frozenset({"nodes"}),
         libraries=NO_ROS | {"matplotlib", "rosbags", "tqdm"},
     ),
@@ -115,9 +115,9 @@ def tree(tmp_path: Path) -> Path:
     """A small package in which every arrow is right."""
     files = {
         "__init__.py": '__version__ = "0"',
-        "_resources.py": "from flatsat_ros.core.errors import FlatsatError",
+        "base/errors.py": "import numpy as np",
         "core/__init__.py": "",
-        "core/law.py": "import math\nimport numpy as np\nimport yaml\nfrom .errors import FlatsatError",
+        "core/law.py": "import math\nimport numpy as np\nimport yaml\nfrom flatsat_ros.base.errors import E",
         "synthesis/nominal.py": "import cvxpy as cp\nfrom flatsat_ros.core import law",
         "sim/drone.py": "import numpy as np\nfrom flatsat_ros import __version__\nfrom ..core.law import step",
         "nodes/controller.py": "import rclpy\nfrom std_msgs.msg import Header\nfrom flatsat_ros.sim import drone",
@@ -147,7 +147,7 @@ def test_right_arrows_are_accepted(tree: Path) -> None:
         ("core/bad.py", "from .. import sim", "sim"),
         ("core/bad.py", "from ..nodes import controller", "nodes"),
         ("core/__init__.py", "from ..sim import drone", "sim"),
-        ("core/bad.py", "from flatsat_ros import _resources", "_resources"),
+        ("base/bad.py", "from flatsat_ros import core", "core"),
         ("__init__.py", "from flatsat_ros.core import law", "core"),
         ("sim/bad.py", "import rclpy", "rclpy"),
         ("sim/bad.py", "from flatsat_ros.synthesis import nominal", "synthesis"),

@@ -15,8 +15,8 @@ import pytest
 import yaml
 
 import flatsat_ros
-from flatsat_ros._resources import config_path
-from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.resources import config_path
 
 EXECUTABLES = [
     "calibrate_hover",

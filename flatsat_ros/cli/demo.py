@@ -9,9 +9,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.cli import demo_record
 from flatsat_ros.cli.demo_scenario import DISTURBANCE_MAX, LEG_TIME, plan
-from flatsat_ros.core.errors import FlatsatError
 
 
 def main(argv: Sequence[str] | None = None) -> int:

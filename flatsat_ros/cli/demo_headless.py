@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from tqdm import tqdm
 
-from flatsat_ros._resources import config_path
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.resources import config_path
 from flatsat_ros.cli.demo_record import FlightRecord, RobotRecord
 from flatsat_ros.cli.demo_scenario import (
     BAR,
@@ -23,7 +24,6 @@ from flatsat_ros.cli.demo_scenario import (
     record_of,
 )  # fmt: skip
 from flatsat_ros.core import telemetry
-from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.gain import Tuning
 from flatsat_ros.core.pilot import Pilot, Tick
 from flatsat_ros.core.reference import Trajectory

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, NoReturn
 
 from tqdm import tqdm
 
-from flatsat_ros._resources import config_path
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.resources import config_path
 from flatsat_ros.cli.demo_record import FlightRecord, RobotRecord
 from flatsat_ros.cli.demo_scenario import (
     BAR,
@@ -32,7 +33,6 @@ from flatsat_ros.cli.demo_scenario import (
     Scenario,
     record_of,
 )  # fmt: skip
-from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.supervisor import Mode
 from flatsat_ros.core.vehicle import VehicleProfile
 

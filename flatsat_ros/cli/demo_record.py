@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flatsat_ros.core.flatness import FloatArray
+from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.supervisor import Mode

@@ -18,8 +18,8 @@ from itertools import islice
 import numpy as np
 from tqdm import tqdm
 
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.sets import Place
 from flatsat_ros.sim.claims import Violation

@@ -9,8 +9,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.cli.reproduce_table import Table
-from flatsat_ros.core.errors import FlatsatError
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -11,11 +11,11 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from flatsat_ros._resources import config_path
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.resources import config_path
 from flatsat_ros.cli.demo_scenario import POSE_NOISE, VEHICLE
 from flatsat_ros.core.certificate import Certificate
 from flatsat_ros.core.controller import Controller
-from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.gain import Tuning
 from flatsat_ros.core.loop import Timing
 from flatsat_ros.core.pilot import Pilot, Tick

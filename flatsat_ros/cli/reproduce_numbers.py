@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.cli.reproduce_runs import (
     ADAPTATION_RATES,
     GAMMA_0,
@@ -18,8 +20,6 @@ from flatsat_ros.cli.reproduce_runs import (
 )
 from flatsat_ros.cli.reproduce_table import Table
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.errors import FlatsatError
-from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.gain import settling_time_bound
 from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.lyapunov import decay_residual

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tqdm import tqdm
 
+from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.cli import demo_headless, demo_scenario
 from flatsat_ros.cli.demo_record import FlightRecord
 from flatsat_ros.cli.reproduce_gain import GainRuns, run_gain_laws
@@ -25,7 +26,6 @@ from flatsat_ros.cli.reproduce_studies import (
 )
 from flatsat_ros.core.certificate import Certificate
 from flatsat_ros.core.controller import Controller
-from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.gain import Tuning
 from flatsat_ros.core.loop import Timing
 from flatsat_ros.synthesis.loop import gain_cap

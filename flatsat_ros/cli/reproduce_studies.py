@@ -8,8 +8,8 @@ from time import thread_time_ns
 
 import numpy as np
 
+from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.core.controller import Controller, Memory, Output
-from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.gain import adapt
 from flatsat_ros.core.loop import Timing
 

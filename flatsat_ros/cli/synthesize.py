@@ -12,11 +12,11 @@ from typing import NoReturn
 
 import numpy as np
 
-from flatsat_ros._resources import config_path
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.resources import config_path
 from flatsat_ros.cli.synthesize_table import margins, table
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.errors import FlatsatError
-from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.loop import Timing
 from flatsat_ros.core.vehicle import VehicleProfile

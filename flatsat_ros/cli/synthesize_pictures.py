@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.cli.synthesize_table import paper_sets
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.loop import Timing
 from flatsat_ros.core.lyapunov import hold_growth
 from flatsat_ros.core.sets import Sets

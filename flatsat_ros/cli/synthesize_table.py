@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.lyapunov import closed_form_block, decay_rate
 from flatsat_ros.core.sets import Sets

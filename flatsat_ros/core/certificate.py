@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 import yaml
 
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.errors import FlatsatError, require_positive
 from flatsat_ros.core import lyapunov
-from flatsat_ros.core.errors import FlatsatError
-from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.loop import Timing
 from flatsat_ros.core.robust import Robust
@@ -101,7 +101,7 @@ class Certificate:
             "rate": "1/s", "ball": "m^2/s^4", "level": "", "period": "s", "gain_min": "", "gain_max": "",
         }  # fmt: skip
         for name, unit in units.items():
-            object.__setattr__(self, name, lyapunov.require_positive(name, getattr(self, name), unit))
+            object.__setattr__(self, name, require_positive(name, getattr(self, name), unit))
         timing = self.timing
         if timing.immediate and (self.loop is not None or self.loop_vertical is not None):
             raise FlatsatError("loop is given, but neither lag nor delay: P itself must prove the gains then")

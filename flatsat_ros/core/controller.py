@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core import gain as gain_law
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.errors import FlatsatError
-from flatsat_ros.core.flatness import FloatArray, finite_array, input_from_acceleration
+from flatsat_ros.core.flatness import input_from_acceleration
 from flatsat_ros.core.gain import Tuning
 
 

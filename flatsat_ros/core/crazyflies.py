@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from flatsat_ros.core.errors import FlatsatError
-from flatsat_ros.core.flatness import finite_array
+from flatsat_ros.base.arrays import finite_array
+from flatsat_ros.base.errors import FlatsatError
 
 
 class Robot(NamedTuple):

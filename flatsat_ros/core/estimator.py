@@ -17,7 +17,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from flatsat_ros.core.flatness import FloatArray
+from flatsat_ros.base.arrays import FloatArray
 
 # standard deviation of a measured position, m
 _POSITION_NOISE = 1e-3

@@ -13,25 +13,12 @@ pitch toward +x.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from flatsat_ros.core.errors import FlatsatError
-
-FloatArray = NDArray[np.float64]
+from flatsat_ros.base.arrays import FloatArray, finite_array
 
 # Below this fraction of gravity the direction of v + g e3 is rounding noise: the thrust is defined as zero and level.
 _SINGULAR_THRUST = 1e-12
-
-
-def finite_array(name: str, value: ArrayLike, width: int | None = None) -> FloatArray:
-    """Return value as a float array, refusing what is not finite or, with width, not of shape (..., width)."""
-    array = np.asarray(value, dtype=np.float64)
-    if width is not None and (array.ndim == 0 or array.shape[-1] != width):
-        raise FlatsatError(f"{name} has shape {array.shape}: valid is (..., {width})")
-    finite = np.isfinite(array)
-    if np.count_nonzero(finite) < finite.size:  # a third of the cost of all() on small arrays
-        raise FlatsatError(f"{name} contains {array[~finite].flat[0]}: every entry must be a finite number")
-    return array
 
 
 def input_from_acceleration(v: ArrayLike, yaw: ArrayLike, gravity: float = 9.81) -> FloatArray:

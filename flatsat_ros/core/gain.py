@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flatsat_ros.core.errors import FlatsatError
-from flatsat_ros.core.flatness import FloatArray, finite_array
-from flatsat_ros.core.lyapunov import hold_contraction, require_positive
+from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.errors import FlatsatError, require_positive
+from flatsat_ros.core.lyapunov import hold_contraction
 
 
 @dataclass(frozen=True, eq=False)

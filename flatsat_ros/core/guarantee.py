@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.sets import Place
 
 

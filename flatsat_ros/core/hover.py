@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.supervisor import Mode
 from flatsat_ros.core.telemetry import FIELDS
 

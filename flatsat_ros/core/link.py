@@ -12,7 +12,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from flatsat_ros.core.errors import FlatsatError, require
+from flatsat_ros.base.errors import FlatsatError, require
 from flatsat_ros.core.wire import WireSetpoint
 
 S = TypeVar("S", bound=Hashable)

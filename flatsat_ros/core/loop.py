@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flatsat_ros.core.errors import FlatsatError, require
-from flatsat_ros.core.flatness import FloatArray
-from flatsat_ros.core.lyapunov import largest_relative_eigenvalue, require_positive
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.errors import FlatsatError, require, require_positive
+from flatsat_ros.core.lyapunov import largest_relative_eigenvalue
 
 # A delay this close to whole periods, relative to one, is whole: 0.3 s are three periods of 0.1 s.
 _WHOLE = 1e-9

@@ -12,21 +12,14 @@ import math
 
 import numpy as np
 
-from flatsat_ros.core.errors import FlatsatError
-from flatsat_ros.core.flatness import FloatArray
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.errors import FlatsatError, require_positive
 
 _A = np.array([[0.0, 1.0], [0.0, 0.0]])
 _B = np.array([[0.0], [1.0]])
 
 # Pieces of the hold interval in the between-samples check: enough for a tight certificate to verify.
 _PIECES = 8
-
-
-def require_positive(name: str, value: float, unit: str) -> float:
-    """Return value as a float, refusing what is not a finite number above 0."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.floating)) or not 0.0 < value < math.inf:
-        raise FlatsatError(f"{name} = {value!r} {unit}: must be a finite number above 0")
-    return float(value)
 
 
 def closed_form_block(rate: float) -> FloatArray:

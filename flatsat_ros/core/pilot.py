@@ -8,14 +8,13 @@ from time import perf_counter
 
 import numpy as np
 
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.errors import FlatsatError, require_positive
 from flatsat_ros.core.certificate import Certificate
 from flatsat_ros.core.controller import Controller, Memory, Output
-from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.estimator import Estimator
-from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.gain import Tuning
 from flatsat_ros.core.guarantee import Assessment, Watch
-from flatsat_ros.core.lyapunov import require_positive
 from flatsat_ros.core.reference import References, Trajectory
 from flatsat_ros.core.supervisor import Mode, Policy, next_mode
 

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from flatsat_ros.core.errors import FlatsatError
-from flatsat_ros.core.flatness import FloatArray
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.errors import FlatsatError
 
 COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 

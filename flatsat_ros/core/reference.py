@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flatsat_ros.core.errors import FlatsatError
-from flatsat_ros.core.flatness import FloatArray, finite_array
+from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.lyapunov import bernstein_coefficients
 

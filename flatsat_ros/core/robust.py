@@ -19,11 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from flatsat_ros.core.errors import FlatsatError
-from flatsat_ros.core.flatness import FloatArray, finite_array
+from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.errors import FlatsatError, require_positive
 from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.loop import Timing
-from flatsat_ros.core.lyapunov import largest_relative_eigenvalue, require_positive
+from flatsat_ros.core.lyapunov import largest_relative_eigenvalue
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,8 +23,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flatsat_ros.core.errors import FlatsatError
-from flatsat_ros.core.flatness import FloatArray
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.input_set import InputSet
 
 

@@ -22,8 +22,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 
-from flatsat_ros.core.errors import require
-from flatsat_ros.core.lyapunov import require_positive
+from flatsat_ros.base.errors import require, require_positive
 
 
 class Mode(IntEnum):

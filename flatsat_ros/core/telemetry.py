@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flatsat_ros.core.flatness import FloatArray
+from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.core.pilot import Tick
 from flatsat_ros.core.supervisor import Mode
 

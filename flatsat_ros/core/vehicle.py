@@ -16,11 +16,11 @@ from typing import Any, TypeVar, cast, get_type_hints
 
 import numpy as np
 import yaml
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from flatsat_ros.core.errors import FlatsatError, require
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.errors import FlatsatError, require
 
-FloatArray = NDArray[np.float64]
 T = TypeVar("T")
 
 PWM_FULL = 65535  # the 16-bit thrust command that stands for force_max

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.recording import Recording
 from flatsat_ros.nodes import messages
 

@@ -11,8 +11,8 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 from tqdm import tqdm
 
-from flatsat_ros._resources import config_path
-from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.resources import config_path
 from flatsat_ros.core.hover import thrust_scale
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.nodes import interfaces, runtime

@@ -20,8 +20,8 @@ from geometry_msgs.msg import PoseStamped, Twist
 from rclpy.node import Node
 from std_srvs.srv import Empty
 
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.crazyflies import Robot
-from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.link import Address, Farewell, Lane, sendable
 from flatsat_ros.core.supervisor import Policy
 from flatsat_ros.nodes import crazyswarm, interfaces, messages, runtime

@@ -16,7 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
-from flatsat_ros.core.flatness import FloatArray
+from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.supervisor import Mode
 from flatsat_ros.core.telemetry import FIELDS

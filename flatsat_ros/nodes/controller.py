@@ -19,12 +19,12 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from flatsat_ros._resources import config_path
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.resources import config_path
 from flatsat_ros.core import telemetry
 from flatsat_ros.core.certificate import Certificate
 from flatsat_ros.core.controller import Controller
-from flatsat_ros.core.errors import FlatsatError
-from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.gain import Tuning
 from flatsat_ros.core.pilot import Pilot, Tick
 from flatsat_ros.core.reference import Trajectory

@@ -15,8 +15,8 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
-from flatsat_ros.core.errors import FlatsatError
-from flatsat_ros.core.flatness import FloatArray
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.telemetry import FIELDS
 from flatsat_ros.core.wire import WireSetpoint

@@ -11,7 +11,7 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.duration import Duration
 from rclpy.node import Node
 
-from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.recording import Recording, read_csv
 from flatsat_ros.nodes import interfaces, messages, runtime
 from flatsat_ros.nodes.bag import read_bag

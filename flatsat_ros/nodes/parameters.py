@@ -9,9 +9,9 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException, ParameterException
 from rclpy.node import Node
 
-from flatsat_ros._resources import config_path
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.resources import config_path
 from flatsat_ros.core.crazyflies import Robot, read_crazyflies
-from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.core.wire import YAW_SIGN
 

@@ -17,8 +17,8 @@ from geometry_msgs.msg import PoseStamped, Twist
 from rclpy.node import Node
 from std_srvs.srv import Empty, Trigger
 
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.crazyflies import Robot
-from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.nodes import crazyswarm, interfaces, messages, runtime
 from flatsat_ros.nodes.parameters import declare, declare_robots, declare_vehicles, declare_yaw_mode
 from flatsat_ros.sim.dynamics import Wind

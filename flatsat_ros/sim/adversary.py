@@ -9,8 +9,8 @@ from enum import IntEnum
 
 import numpy as np
 
+from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.gain import Tuning
 from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.lyapunov import closed_form_block, hold_gain_interval

@@ -12,8 +12,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from flatsat_ros.core.errors import require
-from flatsat_ros.core.flatness import FloatArray, acceleration_from_input, finite_array
+from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.errors import require
+from flatsat_ros.core.flatness import acceleration_from_input
 from flatsat_ros.core.vehicle import AttitudeResponse, Dynamics
 
 BoolArray = NDArray[np.bool_]

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.core.certificate import Certificate
 from flatsat_ros.core.controller import Controller, Memory, Output
-from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.gain import Tuning, sampled_gain_bound
 from flatsat_ros.core.loop import Timing
 from flatsat_ros.core.sets import Membership, Place

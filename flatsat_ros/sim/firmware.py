@@ -16,7 +16,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from flatsat_ros.core.errors import require
+from flatsat_ros.base.errors import require
 from flatsat_ros.core.vehicle import PWM_FULL, VehicleProfile
 from flatsat_ros.sim.high_level import HighLevelCommander, PositionController
 

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flatsat_ros.core.errors import require
-from flatsat_ros.core.flatness import FloatArray, finite_array
+from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.errors import require
 from flatsat_ros.core.vehicle import PWM_FULL, VehicleProfile
 from flatsat_ros.sim.dynamics import GRAVITY, STEP, Bodies, Ideal, Identified, Response, Wind
 from flatsat_ros.sim.firmware import SUPERVISOR_PERIOD, Firmware

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flatsat_ros.core.errors import require
-from flatsat_ros.core.flatness import FloatArray
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.errors import require
 from flatsat_ros.core.vehicle import PWM_FULL, VehicleProfile
 from flatsat_ros.sim.dynamics import STEP
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flatsat_ros.core.errors import require
-from flatsat_ros.core.flatness import FloatArray
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.errors import require
 
 _ROUNDING = 1e-9  # s: times closer than this are the same
 

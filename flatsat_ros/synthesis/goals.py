@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tqdm import tqdm
 
-from flatsat_ros.core.errors import FlatsatError
-from flatsat_ros.core.flatness import FloatArray, finite_array
+from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.loop import Timing
 from flatsat_ros.core.lyapunov import closed_form_block, hold_gain_interval

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import cvxpy as cp
 import numpy as np
 
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core import lyapunov
-from flatsat_ros.core.errors import FlatsatError
-from flatsat_ros.core.flatness import FloatArray
 from flatsat_ros.core.loop import Timing
 from flatsat_ros.synthesis.solver import SolverError, solve
 

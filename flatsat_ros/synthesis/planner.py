@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
-from flatsat_ros.core.errors import FlatsatError
-from flatsat_ros.core.flatness import finite_array
-from flatsat_ros.core.lyapunov import require_positive
+from flatsat_ros.base.arrays import finite_array
+from flatsat_ros.base.errors import FlatsatError, require_positive
 from flatsat_ros.core.reference import Trajectory
 
 _DEGREE = 5

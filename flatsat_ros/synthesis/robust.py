@@ -21,9 +21,9 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 
 import flatsat_ros
+from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.errors import FlatsatError
-from flatsat_ros.core.flatness import FloatArray, finite_array
 from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.loop import Timing
 from flatsat_ros.core.lyapunov import largest_relative_eigenvalue

@@ -7,7 +7,7 @@ from importlib.metadata import version
 
 import cvxpy as cp
 
-from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError
 
 
 class SolverError(FlatsatError):

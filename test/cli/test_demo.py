@@ -17,9 +17,9 @@ import pytest
 from rosbags.highlevel import AnyReader
 from tqdm import tqdm
 
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.cli import demo, demo_live, demo_record
 from flatsat_ros.cli.demo_record import FlightRecord, RobotRecord
-from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.supervisor import Mode

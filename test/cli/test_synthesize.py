@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flatsat_ros._resources import config_path
+from flatsat_ros.base.resources import config_path
 from flatsat_ros.cli.synthesize import main
 from flatsat_ros.core.certificate import Certificate
 from flatsat_ros.core.vehicle import VehicleProfile

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.certificate import Certificate
 from flatsat_ros.core.controller import Controller, Memory
-from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.flatness import acceleration_from_input
 from flatsat_ros.core.gain import Tuning
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.crazyflies import Robot, read_crazyflies
-from flatsat_ros.core.errors import FlatsatError
 
 EXAMPLE = """
 fileversion: 3

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.flatness import acceleration_from_input, input_from_acceleration
 from flatsat_ros.core.input_set import InputSet
 

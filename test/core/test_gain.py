@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.certificate import Certificate
 from flatsat_ros.core.controller import Controller
-from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.gain import Tuning, adapt, continuous_gain_bound, sampled_gain_bound, settling_time_bound
 from flatsat_ros.core.lyapunov import hold_gain_interval
 

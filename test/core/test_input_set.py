@@ -13,7 +13,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.input_set import InputSet
 
 GRAVITY = 9.81

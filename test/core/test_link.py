@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.link import REST, ZERO_TIME, Address, Farewell, Lane, sendable
 from flatsat_ros.core.wire import WireSetpoint
 

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.errors import FlatsatError
 from flatsat_ros.core.flatness import acceleration_from_input
 from flatsat_ros.core.gain import Tuning
 from flatsat_ros.core.pilot import Pilot, Tick

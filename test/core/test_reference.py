@@ -10,7 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.interpolate import BSpline, make_interp_spline
 
-from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.reference import References, Trajectory, evaluate
 

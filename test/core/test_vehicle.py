@@ -8,7 +8,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.vehicle import VehicleProfile
 
 VEHICLES = Path(__file__).parents[2] / "config" / "vehicles"

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.core.wire import WireSetpoint, input_from_setpoint, setpoint_from_input
 

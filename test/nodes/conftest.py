@@ -28,9 +28,10 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
-from flatsat_ros._resources import config_path
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.resources import config_path
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.flatness import FloatArray, acceleration_from_input
+from flatsat_ros.core.flatness import acceleration_from_input
 from flatsat_ros.core.supervisor import Mode
 from flatsat_ros.core.telemetry import FIELDS
 from flatsat_ros.core.vehicle import VehicleProfile

@@ -9,7 +9,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from rclpy.serialization import serialize_message
 
-from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.nodes import messages
 from flatsat_ros.nodes.bag import Recorded, read_bag, write_bag
 

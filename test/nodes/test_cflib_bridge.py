@@ -18,7 +18,7 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.timer import Timer
 from std_srvs.srv import Empty, SetBool
 
-from flatsat_ros._resources import config_path
+from flatsat_ros.base.resources import config_path
 from flatsat_ros.core.link import ZERO_TIME
 from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.vehicle import VehicleProfile

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
-from flatsat_ros._resources import config_path
-from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.resources import config_path
 from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.telemetry import FIELDS
 from flatsat_ros.core.vehicle import VehicleProfile

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.loop import Timing
 from flatsat_ros.core.lyapunov import closed_form_block, hold_gain_interval
 from flatsat_ros.synthesis import loop

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from flatsat_ros.core.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError
 
 
 def config_path(name_or_path: str, folder: str = "") -> Path:
@@ -36,7 +36,7 @@ def config_path(name_or_path: str, folder: str = "") -> Path:
 
 def _config_folder() -> Path:
     """Folder config/ of the source tree (also behind a symlink or editable install), else of the share/ installed."""
-    package = Path(__file__).resolve().parent
+    package = Path(__file__).resolve().parents[1]
     source = package.parent
     if (source / "package.xml").is_file():
         return source / "config"

@@ -1,0 +1,21 @@
+"""Arrays of floats: their type, and the check that every public function makes of what it is given."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from flatsat_ros.base.errors import FlatsatError
+
+FloatArray = NDArray[np.float64]
+
+
+def finite_array(name: str, value: ArrayLike, width: int | None = None) -> FloatArray:
+    """Return value as a float array, refusing what is not finite or, with width, not of shape (..., width)."""
+    array = np.asarray(value, dtype=np.float64)
+    if width is not None and (array.ndim == 0 or array.shape[-1] != width):
+        raise FlatsatError(f"{name} has shape {array.shape}: valid is (..., {width})")
+    finite = np.isfinite(array)
+    if np.count_nonzero(finite) < finite.size:  # a third of the cost of all() on small arrays
+        raise FlatsatError(f"{name} contains {array[~finite].flat[0]}: every entry must be a finite number")
+    return array
