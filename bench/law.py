@@ -13,11 +13,11 @@ from tqdm import tqdm
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.controller import Controller, Memory
-from flatsat_ros.core.gain import Tuning
 from flatsat_ros.core.pilot import Pilot
 from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.supervisor import Mode, Policy
+from flatsat_ros.law.controller import Controller, Memory
+from flatsat_ros.law.gain import Tuning
 
 SIZES = (1, 10, 100, 1000)
 STEP, TICK, BASELINE = "whole step", "whole tick", CvxpyEach.name

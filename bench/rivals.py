@@ -17,7 +17,7 @@ import osqp
 from scipy import sparse
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.core.input_set import InputSet
+from flatsat_ros.law.input_set import InputSet
 
 SIDES = 16
 

@@ -29,12 +29,13 @@ NO_ROS = frozenset({"numpy", "scipy", "yaml"})
 ROOMS = {
     "__init__": Room(),
     "base": Room(libraries=frozenset({"numpy", "yaml"})),
-    "core": Room(rooms=frozenset({"base"}), libraries=frozenset({"numpy", "yaml"})),
-    "synthesis": Room(rooms=frozenset({"base", "core"}), libraries=NO_ROS | {"clarabel", "cvxpy", "tqdm"}),
-    "sim": Room(rooms=frozenset({"base", "core"}), libraries=NO_ROS),
-    "nodes": Room(rooms=frozenset({"base", "core", "sim"}), libraries=None),
+    "law": Room(rooms=frozenset({"base"}), libraries=frozenset({"numpy"})),
+    "core": Room(rooms=frozenset({"base", "law"}), libraries=frozenset({"numpy", "yaml"})),
+    "synthesis": Room(rooms=frozenset({"base", "law", "core"}), libraries=NO_ROS | {"clarabel", "cvxpy", "tqdm"}),
+    "sim": Room(rooms=frozenset({"base", "law", "core"}), libraries=NO_ROS),
+    "nodes": Room(rooms=frozenset({"base", "law", "core", "sim"}), libraries=None),
     "cli": Room(
-        rooms=frozenset({"base", "core", "sim", "synthesis"}),
+        rooms=frozenset({"base", "law", "core", "sim", "synthesis"}),
         lazy_rooms=frozenset({"nodes"}),
         libraries=NO_ROS | {"matplotlib", "rosbags", "tqdm"},
     ),

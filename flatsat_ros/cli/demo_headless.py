@@ -24,12 +24,12 @@ from flatsat_ros.cli.demo_scenario import (
     record_of,
 )  # fmt: skip
 from flatsat_ros.core import telemetry
-from flatsat_ros.core.gain import Tuning
 from flatsat_ros.core.pilot import Pilot, Tick
 from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.supervisor import Mode, Policy
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.core.wire import WireSetpoint, input_from_setpoint
+from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.flight import fly as fly_simulated
 from flatsat_ros.sim.sensor import MotionCapture, Sample

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.supervisor import Mode
 from flatsat_ros.core.telemetry import FIELDS
+from flatsat_ros.law.input_set import InputSet
 
 # root mean square tracking errors of the paper's Test 2, Table III, m
 PAPER_RMS = (0.0703, 0.0826, 0.0602)

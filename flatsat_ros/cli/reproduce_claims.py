@@ -22,7 +22,7 @@ from flatsat_ros.cli.reproduce_runs import (
 )
 from flatsat_ros.cli.reproduce_studies import History
 from flatsat_ros.cli.reproduce_table import Table
-from flatsat_ros.core.gain import continuous_gain_bound, settling_time_bound
+from flatsat_ros.core.gain_bounds import continuous_gain_bound, settling_time_bound
 from flatsat_ros.core.tracking import hull_factor, inner_polytope
 
 # how far above 1 the rounding of an integration may leave V

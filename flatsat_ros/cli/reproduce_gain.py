@@ -15,14 +15,14 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.cli.demo_scenario import POSE_NOISE, VEHICLE
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.controller import Controller
-from flatsat_ros.core.gain import Tuning
 from flatsat_ros.core.loop import Timing
 from flatsat_ros.core.pilot import Pilot, Tick
 from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.supervisor import Policy
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.core.wire import WireSetpoint
+from flatsat_ros.law.controller import Controller
+from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.flight import fly
 from flatsat_ros.sim.sensor import MotionCapture, Sample

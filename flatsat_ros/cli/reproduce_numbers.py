@@ -20,10 +20,10 @@ from flatsat_ros.cli.reproduce_runs import (
 )
 from flatsat_ros.cli.reproduce_table import Table
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.gain import settling_time_bound
-from flatsat_ros.core.input_set import InputSet
+from flatsat_ros.core.gain_bounds import settling_time_bound
 from flatsat_ros.core.lyapunov import decay_residual
 from flatsat_ros.core.robust import robust_residual
+from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis.robust import largest_box, rate_interval
 
 INPUT = "an input, taken as printed"

@@ -16,8 +16,8 @@ from flatsat_ros.cli import demo_pictures
 from flatsat_ros.cli.reproduce_gain import draw_gain_laws
 from flatsat_ros.cli.reproduce_runs import ADAPTATION_RATES, GAMMA_0, TEST_1_TIMING, V_INF, Runs
 from flatsat_ros.cli.reproduce_studies import History
-from flatsat_ros.core.gain import continuous_gain_bound
-from flatsat_ros.core.input_set import InputSet
+from flatsat_ros.core.gain_bounds import continuous_gain_bound
+from flatsat_ros.law.input_set import InputSet
 
 _LIMIT = {"color": "0.3", "linestyle": "--", "linewidth": 1.0}
 _INPUTS = (r"$T$ [m/s$^2$]", r"$\phi$ [deg]", r"$\theta$ [deg]")

@@ -25,9 +25,9 @@ from flatsat_ros.cli.reproduce_studies import (
     start_of,
 )
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.controller import Controller
-from flatsat_ros.core.gain import Tuning
 from flatsat_ros.core.loop import Timing
+from flatsat_ros.law.controller import Controller
+from flatsat_ros.law.gain import Tuning
 from flatsat_ros.synthesis.loop import gain_cap
 from flatsat_ros.synthesis.nominal import synthesize_paper
 from flatsat_ros.synthesis.robust import synthesize_paper_robust

@@ -9,9 +9,9 @@ from time import thread_time_ns
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.core.controller import Controller, Memory, Output
-from flatsat_ros.core.gain import adapt
 from flatsat_ros.core.loop import Timing
+from flatsat_ros.law.controller import Controller, Memory, Output
+from flatsat_ros.law.gain import adapt
 
 # E w (N, 6) at time t, s, for N drones, given xi'P (N, 6)
 Disturbance = Callable[[float, FloatArray], FloatArray]

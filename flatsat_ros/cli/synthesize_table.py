@@ -8,9 +8,9 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.lyapunov import closed_form_block, decay_rate
 from flatsat_ros.core.sets import Sets
+from flatsat_ros.law.input_set import InputSet
 
 # below this cap the adaptation has hardly anything to adapt
 SMALL_CAP = 1.5

@@ -20,10 +20,10 @@ import yaml
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError, require_positive
 from flatsat_ros.core import lyapunov
-from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.loop import Timing
 from flatsat_ros.core.robust import Robust
 from flatsat_ros.core.sets import Sets
+from flatsat_ros.law.input_set import InputSet
 
 FORMAT = 1
 

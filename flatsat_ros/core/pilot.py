@@ -11,12 +11,12 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError, require_positive
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.controller import Controller, Memory, Output
 from flatsat_ros.core.estimator import Estimator
-from flatsat_ros.core.gain import Tuning
 from flatsat_ros.core.guarantee import Assessment, Watch
 from flatsat_ros.core.reference import References, Trajectory
 from flatsat_ros.core.supervisor import Mode, Policy, next_mode
+from flatsat_ros.law.controller import Controller, Memory, Output
+from flatsat_ros.law.gain import Tuning
 
 # yaw is held by turning back in proportion to its error, 1/s, at most this fast, rad/s
 _YAW_GAIN = 1.5

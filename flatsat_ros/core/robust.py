@@ -21,9 +21,9 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import FlatsatError, require_positive
-from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.loop import Timing
 from flatsat_ros.core.lyapunov import largest_relative_eigenvalue
+from flatsat_ros.law.input_set import InputSet
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.input_set import InputSet
+from flatsat_ros.law.input_set import InputSet
 
 
 class Place(IntEnum):

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.input_set import InputSet
+from flatsat_ros.law.input_set import InputSet
 
 
 def hull_factor(limits: InputSet, vertices: ArrayLike, v: ArrayLike) -> FloatArray:

@@ -24,13 +24,13 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.core import telemetry
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.controller import Controller
-from flatsat_ros.core.gain import Tuning
 from flatsat_ros.core.pilot import Pilot, Tick
 from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.sets import Place
 from flatsat_ros.core.supervisor import Mode, Policy
 from flatsat_ros.core.wire import PITCH_SIGN, setpoint_from_input
+from flatsat_ros.law.controller import Controller
+from flatsat_ros.law.gain import Tuning
 from flatsat_ros.nodes import interfaces, messages, runtime
 from flatsat_ros.nodes.crazyswarm import SETTLED, DroneLink
 from flatsat_ros.nodes.parameters import (

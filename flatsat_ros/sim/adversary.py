@@ -11,9 +11,9 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.gain import Tuning
-from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.lyapunov import closed_form_block, hold_gain_interval
+from flatsat_ros.law.gain import Tuning
+from flatsat_ros.law.input_set import InputSet
 
 # How far inside the boundary of a set the runs start, relatively: beyond rounding, within anything physical.
 _INSIDE = 1e-9

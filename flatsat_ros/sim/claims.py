@@ -8,8 +8,8 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.controller import Output
-from flatsat_ros.core.flatness import acceleration_from_input
+from flatsat_ros.law.controller import Output
+from flatsat_ros.law.flatness import acceleration_from_input
 
 # By how much, relatively, a claim may fail: the rounding that `Certificate.verify` grants to a tight inequality.
 ROUNDING = 1e-9

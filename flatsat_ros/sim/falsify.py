@@ -15,10 +15,11 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.controller import Controller, Memory, Output
-from flatsat_ros.core.gain import Tuning, sampled_gain_bound
+from flatsat_ros.core.gain_bounds import sampled_gain_bound
 from flatsat_ros.core.loop import Timing
 from flatsat_ros.core.sets import Membership, Place
+from flatsat_ros.law.controller import Controller, Memory, Output
+from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim import adversary
 from flatsat_ros.sim.adversary import Course, Disturbance, Gains, References
 from flatsat_ros.sim.claims import Ledger, Levels, Violation

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.lyapunov import closed_form_block, hold_gain_interval
+from flatsat_ros.law.input_set import InputSet
 
 
 def make(thrust: float = 1.45, tilt: float = math.pi / 18, rate: float = 1.25, period: float = 0.1) -> Certificate:

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.controller import Controller
-from flatsat_ros.core.gain import Tuning, adapt
-from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.lyapunov import closed_form_block, hold_gain_interval
 from flatsat_ros.core.pilot import Pilot
 from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.supervisor import Policy
+from flatsat_ros.law.controller import Controller
+from flatsat_ros.law.gain import Tuning, adapt
+from flatsat_ros.law.input_set import InputSet
 
 G = 9.81
 PERIOD = 0.1

@@ -8,14 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.gain import Tuning
 from flatsat_ros.core.guarantee import Watch
-from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.lyapunov import closed_form_block, hold_gain_interval
 from flatsat_ros.core.pilot import Pilot
 from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.sets import Place
 from flatsat_ros.core.supervisor import Mode, Policy
+from flatsat_ros.law.gain import Tuning
+from flatsat_ros.law.input_set import InputSet
 
 LIMITS = InputSet(1.45 * 9.81, np.radians(10.0))
 PERIOD, RATE = 0.1, 1.25

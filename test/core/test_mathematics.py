@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.controller import Controller, Memory
-from flatsat_ros.core.gain import Tuning
-from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.lyapunov import closed_form_block, hold_gain_interval
+from flatsat_ros.law.controller import Controller, Memory
+from flatsat_ros.law.gain import Tuning
+from flatsat_ros.law.input_set import InputSet
 
 ROOT = Path(__file__).parents[2]
 LIMITS = InputSet(1.45 * 9.81, math.radians(10.0))

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.flatness import acceleration_from_input
-from flatsat_ros.core.gain import Tuning
 from flatsat_ros.core.pilot import Pilot, Tick
 from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.supervisor import Mode, Policy
+from flatsat_ros.law.flatness import acceleration_from_input
+from flatsat_ros.law.gain import Tuning
 
 CERTIFICATE = Certificate.load(Path(__file__).parents[2] / "config" / "paper_experiment.yaml")
 LIMITS = CERTIFICATE.limits

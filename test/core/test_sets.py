@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.lyapunov import closed_form_block, hold_gain_interval, hold_transition
 from flatsat_ros.core.sets import Place, Sets
+from flatsat_ros.law.input_set import InputSet
 
 seeds = st.integers(0, 2**32 - 1)
 loops = st.builds(

@@ -31,11 +31,11 @@ from std_srvs.srv import Trigger
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.flatness import acceleration_from_input
 from flatsat_ros.core.supervisor import Mode
 from flatsat_ros.core.telemetry import FIELDS
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.core.wire import WireSetpoint, input_from_setpoint
+from flatsat_ros.law.flatness import acceleration_from_input
 from flatsat_ros.nodes import interfaces, messages
 from flatsat_ros.nodes.interfaces import Topic
 

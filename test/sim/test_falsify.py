@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.input_set import InputSet
+from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.sim import adversary
 from flatsat_ros.sim.adversary import References
 from flatsat_ros.sim.claims import ROUNDING
@@ -139,7 +139,7 @@ def test_a_gain_law_without_its_cap_is_caught(pool: Pool, monkeypatch: pytest.Mo
     def uncapped(gain: FloatArray, lyapunov: FloatArray, *_: object) -> FloatArray:
         return gain + lyapunov
 
-    monkeypatch.setattr("flatsat_ros.core.gain.adapt", uncapped)
+    monkeypatch.setattr("flatsat_ros.law.gain.adapt", uncapped)
     assert "gamma stays within its bounds" in claims(run("hold", 0, pool))
 
 

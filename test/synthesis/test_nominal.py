@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.input_set import InputSet
 from flatsat_ros.core.lyapunov import closed_form_block
+from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis import nominal
 
 LIMITS = InputSet(1.45 * 9.81, math.radians(10.0))

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.flatness import acceleration_from_input, input_from_acceleration
-from flatsat_ros.core.input_set import InputSet
+from flatsat_ros.law.flatness import acceleration_from_input, input_from_acceleration
+from flatsat_ros.law.input_set import InputSet
 
 GRAVITY = 9.81
 

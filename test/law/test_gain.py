@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.controller import Controller
-from flatsat_ros.core.gain import Tuning, adapt, continuous_gain_bound, sampled_gain_bound, settling_time_bound
+from flatsat_ros.core.gain_bounds import continuous_gain_bound, sampled_gain_bound, settling_time_bound
 from flatsat_ros.core.lyapunov import hold_gain_interval
+from flatsat_ros.law.controller import Controller
+from flatsat_ros.law.gain import Tuning, adapt
 
 CERTIFICATE = Certificate.load(Path(__file__).parents[2] / "config" / "paper_simulation.yaml")
 THRESHOLD = 0.05

@@ -3,16 +3,37 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core import gain as gain_law
-from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.flatness import input_from_acceleration
-from flatsat_ros.core.gain import Tuning
+from flatsat_ros.law import gain as gain_law
+from flatsat_ros.law.flatness import input_from_acceleration
+from flatsat_ros.law.gain import Tuning
+from flatsat_ros.law.input_set import InputSet
+
+
+class Certified(Protocol):
+    """What the law takes from a certificate, which stands above it."""
+
+    @property
+    def limits(self) -> InputSet:
+        """The input set V_c."""
+
+    @property
+    def matrix(self) -> FloatArray:
+        """P, (6, 6), for xi = (position error m, velocity error m/s)."""
+
+    @property
+    def period(self) -> float:
+        """h, s."""
+
+    @property
+    def gain_max(self) -> float:
+        """Largest gain that is certified."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +69,7 @@ class Output:
 class Controller:
     """The law of one certificate with one tuning."""
 
-    def __init__(self, certificate: Certificate, tuning: Tuning) -> None:
+    def __init__(self, certificate: Certified, tuning: Tuning) -> None:
         """Bind a verified certificate and a tuning.
 
         Raises:

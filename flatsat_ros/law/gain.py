@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, fields
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
-from flatsat_ros.base.errors import FlatsatError, require_positive
-from flatsat_ros.core.lyapunov import hold_contraction
+from flatsat_ros.base.errors import FlatsatError
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,48 +74,3 @@ def adapt(gain: FloatArray, lyapunov: FloatArray, tuning: Tuning, period: float)
     excess = np.maximum(lyapunov - tuning.threshold, 0.0)
     slope = tuning.adaptation_rate * excess - tuning.leak * (gain - 1.0)
     return np.minimum(np.maximum(gain + period * slope, 1.0), tuning.gain_max)
-
-
-def settling_time_bound(lyapunov_0: float, threshold: float, rate: float) -> float:
-    """Return t_inf, s, by when V is at most V_inf: ln(V(0)/V_inf)/alpha, 0 if it is already (paper, eq. 26)."""
-    require_positive("threshold (V_inf)", threshold, "")
-    return max(0.0, math.log(max(lyapunov_0, threshold) / threshold)) / require_positive("rate (alpha)", rate, "1/s")
-
-
-def continuous_gain_bound(
-    gain_0: float, adaptation_rate: float, lyapunov_0: float, threshold: float, rate: float
-) -> float:
-    """Return a bound of gamma for all time under the continuous law, from V(0) in the invariant set.
-
-    gamma_0 + mu [ (V(0)/alpha)(1 - exp(-alpha t_inf)) - V_inf t_inf ]: the paper's eq. 25 with the sign of its V_inf
-    term corrected.
-    """
-    settling = settling_time_bound(lyapunov_0, threshold, rate)
-    area = lyapunov_0 / rate * -math.expm1(-rate * settling) - threshold * settling
-    return gain_0 + adaptation_rate * max(0.0, area)
-
-
-def sampled_gain_bound(
-    gain_0: float, adaptation_rate: float, lyapunov_0: float, threshold: float, block: ArrayLike, period: float
-) -> float:
-    """Return a bound of gamma for all time under the sampled law (zero-order hold, forward Euler), inf without one.
-
-    While gamma <= G every step contracts V at least by q(G), the worst over applied gains in [1, G], so
-    gamma <= gamma_0 + mu h sum_j max(0, q^j V(0) - V_inf) as long as that sum stays below G. The smallest such G found
-    by iterating upward from gamma_0 is a bound by induction over the steps. Holds where applied gains are at least 1,
-    that is on the invariant set.
-    """
-    block = np.asarray(block, dtype=np.float64)
-    slowest = hold_contraction(block, period, 1.0)
-    bound = gain_0
-    for _ in range(1000):
-        contraction = max(slowest, hold_contraction(block, period, bound))
-        if contraction >= 1.0:
-            break
-        count = 0 if lyapunov_0 <= threshold else math.ceil(math.log(threshold / lyapunov_0) / math.log(contraction))
-        excess = np.maximum(lyapunov_0 * contraction ** np.arange(count) - threshold, 0.0)
-        following = gain_0 + adaptation_rate * period * float(excess.sum())
-        if following <= bound * (1.0 + 1e-12):
-            return following
-        bound = following
-    return math.inf

@@ -14,7 +14,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.input_set import InputSet
+from flatsat_ros.law.input_set import InputSet
 
 GRAVITY = 9.81
 PAPER = InputSet(1.45 * GRAVITY, math.radians(10.0))
