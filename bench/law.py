@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.certificate import Certificate
+from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.core.pilot import Pilot
 from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.supervisor import Mode, Policy

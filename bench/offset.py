@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from flatsat_ros.base.resources import config_path
-from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.lyapunov import closed_form_block, hold_gain_interval
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
 from flatsat_ros.core.pilot import Pilot, Tick
 from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.supervisor import Policy

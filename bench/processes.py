@@ -22,7 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 from tqdm import tqdm
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.certificate import Certificate
+from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.core.supervisor import Mode
 from flatsat_ros.core.telemetry import FIELDS
 from flatsat_ros.nodes import interfaces, messages

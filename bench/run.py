@@ -28,7 +28,7 @@ from tqdm import tqdm
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
-from flatsat_ros.core.certificate import Certificate
+from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.synthesis.nominal import synthesize
 
 _CERTIFICATE = "paper_experiment"

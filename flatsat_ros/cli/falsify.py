@@ -19,8 +19,8 @@ import numpy as np
 from tqdm import tqdm
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.sets import Place
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.sets import Place
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.sim.claims import Violation
 from flatsat_ros.sim.falsify import CAMPAIGNS, RUNS, Outcome, Pool, run

@@ -8,6 +8,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flatsat_ros.certificate.gain_bounds import continuous_gain_bound, settling_time_bound
 from flatsat_ros.cli import demo_scenario
 from flatsat_ros.cli.demo_record import PAPER_RMS, RMS_LIMIT
 from flatsat_ros.cli.reproduce_numbers import INPUT
@@ -22,7 +23,6 @@ from flatsat_ros.cli.reproduce_runs import (
 )
 from flatsat_ros.cli.reproduce_studies import History
 from flatsat_ros.cli.reproduce_table import Table
-from flatsat_ros.core.gain_bounds import continuous_gain_bound, settling_time_bound
 from flatsat_ros.core.tracking import hull_factor, inner_polytope
 
 # how far above 1 the rounding of an integration may leave V

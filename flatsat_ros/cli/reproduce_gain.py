@@ -13,9 +13,9 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.resources import config_path
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.cli.demo_scenario import POSE_NOISE, VEHICLE
-from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.loop import Timing
 from flatsat_ros.core.pilot import Pilot, Tick
 from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.supervisor import Policy

@@ -8,6 +8,10 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.gain_bounds import settling_time_bound
+from flatsat_ros.certificate.lyapunov import decay_residual
+from flatsat_ros.certificate.robust import robust_residual
 from flatsat_ros.cli.reproduce_runs import (
     ADAPTATION_RATES,
     GAMMA_0,
@@ -19,10 +23,6 @@ from flatsat_ros.cli.reproduce_runs import (
     printed_disturbance,
 )
 from flatsat_ros.cli.reproduce_table import Table
-from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.gain_bounds import settling_time_bound
-from flatsat_ros.core.lyapunov import decay_residual
-from flatsat_ros.core.robust import robust_residual
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis.robust import largest_box, rate_interval
 

@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 from tqdm import tqdm
 
 from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.cli import demo_headless, demo_scenario
 from flatsat_ros.cli.demo_record import FlightRecord
 from flatsat_ros.cli.reproduce_gain import GainRuns, run_gain_laws
@@ -24,8 +26,6 @@ from flatsat_ros.cli.reproduce_studies import (
     run_sampled,
     start_of,
 )
-from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.loop import Timing
 from flatsat_ros.law.controller import Controller
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.synthesis.loop import gain_cap

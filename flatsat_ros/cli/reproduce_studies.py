@@ -9,7 +9,7 @@ from time import thread_time_ns
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.core.loop import Timing
+from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.law.controller import Controller, Memory, Output
 from flatsat_ros.law.gain import adapt
 

@@ -15,9 +15,9 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.cli.synthesize_table import margins, table
-from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.loop import Timing
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.law.input_set import InputSet
 

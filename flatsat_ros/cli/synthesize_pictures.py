@@ -11,11 +11,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.lyapunov import hold_growth
+from flatsat_ros.certificate.sampled_loop import Timing
+from flatsat_ros.certificate.sets import Sets
 from flatsat_ros.cli.synthesize_table import paper_sets
-from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.loop import Timing
-from flatsat_ros.core.lyapunov import hold_growth
-from flatsat_ros.core.sets import Sets
 from flatsat_ros.synthesis.loop import circle_limit, gain_cap
 
 _LAGS = (0.0, 0.05, 0.1, 0.15)  # s

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.lyapunov import closed_form_block, decay_rate
-from flatsat_ros.core.sets import Sets
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.lyapunov import closed_form_block, decay_rate
+from flatsat_ros.certificate.sets import Sets
 from flatsat_ros.law.input_set import InputSet
 
 # below this cap the adaptation has hardly anything to adapt

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.sets import Place
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.sets import Place
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,7 +17,7 @@ class Assessment:
 
     Attributes:
         relative_level: (N,) V over the level of the ellipsoid, at most 1 inside; W takes V's place with lag or delay.
-        place: (N,) values of `core.sets.Place`: the smallest set around the state.
+        place: (N,) values of `certificate.sets.Place`: the smallest set around the state.
         kappa: (N,) lower bound of the applied gain, for set-points.
         guaranteed: (N,) whether the state provably never leaves its set again.
     """

@@ -10,7 +10,7 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError, require_positive
-from flatsat_ros.core.certificate import Certificate
+from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.core.estimator import Estimator
 from flatsat_ros.core.guarantee import Assessment, Watch
 from flatsat_ros.core.reference import References, Trajectory

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.lyapunov import bernstein_coefficients
+from flatsat_ros.certificate.lyapunov import bernstein_coefficients
 from flatsat_ros.law.input_set import InputSet
 
 # A trajectory must end at rest up to this speed (m/s) and acceleration (m/s^2): its last position is then held.

@@ -10,8 +10,8 @@ from enum import IntEnum
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.lyapunov import closed_form_block, hold_gain_interval
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.law.input_set import InputSet
 

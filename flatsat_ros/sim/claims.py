@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.core.certificate import Certificate
+from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.law.controller import Output
 from flatsat_ros.law.flatness import acceleration_from_input
 
@@ -98,5 +98,5 @@ class Ledger:
             self.claim(f"{name} does not grow {when}", (new - allowed) / np.where(allowed > 0.0, allowed, 1.0))
 
     def place(self, before: FloatArray, after: FloatArray, guaranteed: np.ndarray) -> None:
-        """Check that no run leaves the set that it is in (values of `core.sets.Place`)."""
+        """Check that no run leaves the set that it is in (values of `certificate.sets.Place`)."""
         self.claim("no set is left", np.maximum(before - after, 1.0 - guaranteed))

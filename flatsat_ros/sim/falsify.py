@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.gain_bounds import sampled_gain_bound
-from flatsat_ros.core.loop import Timing
-from flatsat_ros.core.sets import Membership, Place
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.gain_bounds import sampled_gain_bound
+from flatsat_ros.certificate.sampled_loop import Timing
+from flatsat_ros.certificate.sets import Membership, Place
 from flatsat_ros.law.controller import Controller, Memory, Output
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim import adversary

@@ -17,9 +17,9 @@ from tqdm import tqdm
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.loop import Timing
-from flatsat_ros.core.lyapunov import closed_form_block, hold_gain_interval
-from flatsat_ros.core.sets import Sets
+from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
+from flatsat_ros.certificate.sampled_loop import Timing
+from flatsat_ros.certificate.sets import Sets
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis.loop import gain_cap
 from flatsat_ros.synthesis.robust import closed_form_blocks, largest_box, rate_interval, robust_sets

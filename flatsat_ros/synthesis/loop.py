@@ -16,8 +16,8 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core import lyapunov
-from flatsat_ros.core.loop import Timing
+from flatsat_ros.certificate import lyapunov
+from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.synthesis.solver import SolverError, solve
 
 # W must fall by this share each period, at the ends of the gain interval, before it counts as a proof.

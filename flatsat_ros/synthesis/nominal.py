@@ -18,9 +18,9 @@ import numpy as np
 import flatsat_ros
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError, require_positive
-from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.loop import Timing
-from flatsat_ros.core.lyapunov import closed_form_block, hold_gain_interval
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
+from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis.loop import GainCap, gain_cap
 from flatsat_ros.synthesis.solver import solve, solver_name

@@ -23,11 +23,11 @@ from scipy.optimize import minimize_scalar
 import flatsat_ros
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.loop import Timing
-from flatsat_ros.core.lyapunov import largest_relative_eigenvalue
-from flatsat_ros.core.robust import Robust, gathered_disturbance
-from flatsat_ros.core.sets import Sets
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.lyapunov import largest_relative_eigenvalue
+from flatsat_ros.certificate.robust import Robust, gathered_disturbance
+from flatsat_ros.certificate.sampled_loop import Timing
+from flatsat_ros.certificate.sets import Sets
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis.loop import gain_cap
 from flatsat_ros.synthesis.solver import solve, solver_name

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.cli import reproduce, reproduce_runs
 from flatsat_ros.cli.reproduce_gain import run_gain_laws
 from flatsat_ros.cli.reproduce_runs import (
@@ -23,7 +24,6 @@ from flatsat_ros.cli.reproduce_runs import (
     run_test_1,
 )
 from flatsat_ros.cli.reproduce_table import VERDICTS, Table, compare
-from flatsat_ros.core.certificate import Certificate
 from flatsat_ros.synthesis.loop import gain_cap
 from flatsat_ros.synthesis.nominal import synthesize_paper
 from flatsat_ros.synthesis.robust import synthesize_paper_robust

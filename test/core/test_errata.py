@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.gain_bounds import continuous_gain_bound, sampled_gain_bound, settling_time_bound
-from flatsat_ros.core.lyapunov import closed_form_block, decay_residual, hold_gain_interval
-from flatsat_ros.core.robust import robust_residual
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.gain_bounds import continuous_gain_bound, sampled_gain_bound, settling_time_bound
+from flatsat_ros.certificate.lyapunov import closed_form_block, decay_residual, hold_gain_interval
+from flatsat_ros.certificate.robust import robust_residual
 from flatsat_ros.law.controller import Controller, Memory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.law.input_set import InputSet

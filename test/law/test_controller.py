@@ -12,7 +12,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.certificate import Certificate
+from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.law.controller import Controller, Memory
 from flatsat_ros.law.flatness import acceleration_from_input
 from flatsat_ros.law.gain import Tuning

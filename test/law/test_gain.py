@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.gain_bounds import continuous_gain_bound, sampled_gain_bound, settling_time_bound
-from flatsat_ros.core.lyapunov import hold_gain_interval
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.gain_bounds import continuous_gain_bound, sampled_gain_bound, settling_time_bound
+from flatsat_ros.certificate.lyapunov import hold_gain_interval
 from flatsat_ros.law.controller import Controller
 from flatsat_ros.law.gain import Tuning, adapt
 

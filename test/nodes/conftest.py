@@ -30,7 +30,7 @@ from std_srvs.srv import Trigger
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.resources import config_path
-from flatsat_ros.core.certificate import Certificate
+from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.core.supervisor import Mode
 from flatsat_ros.core.telemetry import FIELDS
 from flatsat_ros.core.vehicle import VehicleProfile

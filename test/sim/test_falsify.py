@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.certificate import Certificate
+from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.sim import adversary
 from flatsat_ros.sim.adversary import References

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.certificate import Certificate
+from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.core.pilot import Pilot, Tick
 from flatsat_ros.core.reference import Trajectory
 from flatsat_ros.core.supervisor import Mode, Policy

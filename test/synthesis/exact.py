@@ -12,8 +12,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.robust import Robust
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.robust import Robust
 
 SLACK = Fraction(1, 10**12)
 

@@ -15,8 +15,8 @@ import pytest
 import yaml
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.loop import Timing
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis.loop import worst_case
 from flatsat_ros.synthesis.nominal import synthesize

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.loop import Timing
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis.goals import corners, rate_covering, robust_rate_covering
 from flatsat_ros.synthesis.nominal import synthesize

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.loop import Timing
-from flatsat_ros.core.lyapunov import closed_form_block, hold_gain_interval
+from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
+from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.synthesis import loop
 from flatsat_ros.synthesis.loop import circle_limit, gain_cap, worst_case
 

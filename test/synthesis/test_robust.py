@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.loop import Timing
-from flatsat_ros.core.robust import gathered_disturbance, robust_residual
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.robust import gathered_disturbance, robust_residual
+from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis import robust
 from flatsat_ros.synthesis.robust import closed_form_blocks, largest_box, rate_interval, synthesize_robust

@@ -21,8 +21,8 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import FlatsatError, require_positive
-from flatsat_ros.core.loop import Timing
-from flatsat_ros.core.lyapunov import largest_relative_eigenvalue
+from flatsat_ros.certificate.lyapunov import largest_relative_eigenvalue
+from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.law.input_set import InputSet
 
 

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.lyapunov import closed_form_block, hold_gain_interval, hold_transition
-from flatsat_ros.core.sets import Place, Sets
+from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval, hold_transition
+from flatsat_ros.certificate.sets import Place, Sets
 from flatsat_ros.law.input_set import InputSet
 
 seeds = st.integers(0, 2**32 - 1)

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.lyapunov import closed_form_block, hold_gain_interval
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
 from flatsat_ros.law.controller import Controller, Memory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.law.input_set import InputSet

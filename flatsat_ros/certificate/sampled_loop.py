@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError, require, require_positive
-from flatsat_ros.core.lyapunov import largest_relative_eigenvalue
+from flatsat_ros.certificate.lyapunov import largest_relative_eigenvalue
 
 # A delay this close to whole periods, relative to one, is whole: 0.3 s are three periods of 0.1 s.
 _WHOLE = 1e-9

@@ -19,10 +19,10 @@ import yaml
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError, require_positive
-from flatsat_ros.core import lyapunov
-from flatsat_ros.core.loop import Timing
-from flatsat_ros.core.robust import Robust
-from flatsat_ros.core.sets import Sets
+from flatsat_ros.certificate import lyapunov
+from flatsat_ros.certificate.robust import Robust
+from flatsat_ros.certificate.sampled_loop import Timing
+from flatsat_ros.certificate.sets import Sets
 from flatsat_ros.law.input_set import InputSet
 
 FORMAT = 1
@@ -71,7 +71,7 @@ class Certificate:
         block_vertical: (2, 2) block of P for z; None for the same as `block`.
         lag: tau, s, of the achieved acceleration.
         delay: d, s, from the command to its first effect.
-        loop: (n, n) W for x and for y, see `core.loop`; None without lag and delay, where P serves.
+        loop: (n, n) W for x and for y, see `certificate.sampled_loop`; None without lag and delay, where P serves.
         loop_vertical: (n, n) W for z; None for the same as `loop`.
         robust: what holds under disturbances, if anything is claimed.
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flatsat_ros.base.errors import require_positive
-from flatsat_ros.core.lyapunov import hold_contraction
+from flatsat_ros.certificate.lyapunov import hold_contraction
 
 
 def settling_time_bound(lyapunov_0: float, threshold: float, rate: float) -> float:

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.loop import Timing
-from flatsat_ros.core.lyapunov import closed_form_block, hold_contraction, hold_transition
+from flatsat_ros.certificate.lyapunov import closed_form_block, hold_contraction, hold_transition
+from flatsat_ros.certificate.sampled_loop import Timing
 
 periods = st.floats(0.005, 0.5)
 lags = st.one_of(st.just(0.0), st.floats(0.01, 1.0))

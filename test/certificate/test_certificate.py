@@ -16,8 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.certificate import Certificate
-from flatsat_ros.core.lyapunov import closed_form_block, hold_gain_interval
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
 from flatsat_ros.law.input_set import InputSet
 
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.lyapunov import (
+from flatsat_ros.certificate.lyapunov import (
     bernstein_coefficients,
     closed_form_block,
     decay_rate,
