@@ -10,11 +10,11 @@ import numpy as np
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
-from flatsat_ros.core.pilot import Pilot, Tick
-from flatsat_ros.core.reference import Trajectory
-from flatsat_ros.core.supervisor import Policy
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.core.wire import WireSetpoint
+from flatsat_ros.flight.pilot import Pilot, Tick
+from flatsat_ros.flight.reference import Trajectory
+from flatsat_ros.flight.supervisor import Policy
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.sim.dynamics import Wind

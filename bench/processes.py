@@ -23,8 +23,8 @@ from tqdm import tqdm
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.core.supervisor import Mode
-from flatsat_ros.core.telemetry import FIELDS
+from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.nodes import interfaces, messages
 
 ROBOTS = ("cf1", "cf2", "cf3")

@@ -23,12 +23,12 @@ from flatsat_ros.cli.demo_scenario import (
     Scenario,
     record_of,
 )  # fmt: skip
-from flatsat_ros.core import telemetry
-from flatsat_ros.core.pilot import Pilot, Tick
-from flatsat_ros.core.reference import Trajectory
-from flatsat_ros.core.supervisor import Mode, Policy
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.core.wire import WireSetpoint, input_from_setpoint
+from flatsat_ros.flight import telemetry
+from flatsat_ros.flight.pilot import Pilot, Tick
+from flatsat_ros.flight.reference import Trajectory
+from flatsat_ros.flight.supervisor import Mode, Policy
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.flight import fly as fly_simulated

@@ -33,8 +33,8 @@ from flatsat_ros.cli.demo_scenario import (
     Scenario,
     record_of,
 )  # fmt: skip
-from flatsat_ros.core.supervisor import Mode
 from flatsat_ros.core.vehicle import VehicleProfile
+from flatsat_ros.flight.supervisor import Mode
 
 if TYPE_CHECKING:
     from flatsat_ros.nodes.conductor import Conductor

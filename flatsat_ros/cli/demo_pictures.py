@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from flatsat_ros.cli.demo_record import FlightRecord
-from flatsat_ros.core.supervisor import Mode
+from flatsat_ros.flight.supervisor import Mode
 
 _LIMIT = {"color": "0.3", "linestyle": "--", "linewidth": 1.0}
 _REFERENCE = {"linestyle": ":", "linewidth": 1.6}

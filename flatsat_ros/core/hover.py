@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.supervisor import Mode
-from flatsat_ros.core.telemetry import FIELDS
+from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.telemetry import FIELDS
 
 # a hover drifts at most this fast, m/s, root mean square; and is watched for at least so many ticks
 _DRIFT = 0.15

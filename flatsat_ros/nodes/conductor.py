@@ -17,11 +17,11 @@ from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.core.reference import Trajectory
-from flatsat_ros.core.supervisor import Mode
-from flatsat_ros.core.telemetry import FIELDS
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.core.wire import input_from_setpoint
+from flatsat_ros.flight.reference import Trajectory
+from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.nodes import interfaces, messages
 from flatsat_ros.nodes.bag import Recorded
 from flatsat_ros.nodes.interfaces import Topic

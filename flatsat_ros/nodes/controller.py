@@ -24,11 +24,11 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.sets import Place
-from flatsat_ros.core import telemetry
-from flatsat_ros.core.pilot import Pilot, Tick
-from flatsat_ros.core.reference import Trajectory
-from flatsat_ros.core.supervisor import Mode, Policy
 from flatsat_ros.core.wire import PITCH_SIGN, setpoint_from_input
+from flatsat_ros.flight import telemetry
+from flatsat_ros.flight.pilot import Pilot, Tick
+from flatsat_ros.flight.reference import Trajectory
+from flatsat_ros.flight.supervisor import Mode, Policy
 from flatsat_ros.law.controller import Controller
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.nodes import interfaces, messages, runtime

@@ -17,9 +17,9 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.reference import Trajectory
-from flatsat_ros.core.telemetry import FIELDS
 from flatsat_ros.core.wire import WireSetpoint
+from flatsat_ros.flight.reference import Trajectory
+from flatsat_ros.flight.telemetry import FIELDS
 
 NANOSECONDS = 1_000_000_000
 
@@ -199,7 +199,7 @@ def telemetry_message() -> Float64MultiArray:
 
 
 def fill_telemetry(message: Float64MultiArray, row: FloatArray) -> None:
-    """Write one drone's row, ordered as core.telemetry.FIELDS."""
+    """Write one drone's row, ordered as flight.telemetry.FIELDS."""
     message.data = array.array("d", row.tobytes())
 
 

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
-from flatsat_ros.core.pilot import Pilot
-from flatsat_ros.core.reference import Trajectory
-from flatsat_ros.core.supervisor import Policy
+from flatsat_ros.flight.pilot import Pilot
+from flatsat_ros.flight.reference import Trajectory
+from flatsat_ros.flight.supervisor import Policy
 from flatsat_ros.law.controller import Controller
 from flatsat_ros.law.gain import Tuning, adapt
 from flatsat_ros.law.input_set import InputSet

@@ -20,9 +20,9 @@ from tqdm import tqdm
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.cli import demo, demo_live, demo_record
 from flatsat_ros.cli.demo_record import FlightRecord, RobotRecord
-from flatsat_ros.core.reference import Trajectory
-from flatsat_ros.core.supervisor import Mode
-from flatsat_ros.core.telemetry import FIELDS
+from flatsat_ros.flight.reference import Trajectory
+from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.law.input_set import InputSet
 
 ROBOT_KEYS = {"rms_m", "rms_paper_m", "gamma_final", "tilt_max_rad", "thrust_min", "thrust_max", "landed"}

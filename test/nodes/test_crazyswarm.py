@@ -11,8 +11,8 @@ from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point
 from std_srvs.srv import SetBool, Trigger
 
-from flatsat_ros.core.supervisor import Mode
-from flatsat_ros.core.telemetry import FIELDS
+from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.nodes import interfaces
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import rclpy
 
-from flatsat_ros.core.telemetry import FIELDS
+from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.nodes import interfaces
 from flatsat_ros.nodes.cflib_bridge import CflibBridge
 from flatsat_ros.nodes.controller import ControllerNode

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import pytest
 from std_srvs.srv import SetBool, Trigger
 
-from flatsat_ros.core.supervisor import Mode
-from flatsat_ros.core.telemetry import FIELDS
+from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.nodes import interfaces
 
 if TYPE_CHECKING:

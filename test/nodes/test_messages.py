@@ -16,10 +16,10 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
-from flatsat_ros.core.reference import Trajectory
-from flatsat_ros.core.telemetry import FIELDS
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.core.wire import WireSetpoint, setpoint_from_input
+from flatsat_ros.flight.reference import Trajectory
+from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.nodes import messages
 
 NUMBERS = st.floats(allow_nan=False)

@@ -9,11 +9,11 @@ import pytest
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.core.pilot import Pilot, Tick
-from flatsat_ros.core.reference import Trajectory
-from flatsat_ros.core.supervisor import Mode, Policy
 from flatsat_ros.core.vehicle import VehicleProfile
 from flatsat_ros.core.wire import WireSetpoint
+from flatsat_ros.flight.pilot import Pilot, Tick
+from flatsat_ros.flight.reference import Trajectory
+from flatsat_ros.flight.supervisor import Mode, Policy
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.flight import fly

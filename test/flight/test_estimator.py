@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from flatsat_ros.core import estimator as model
-from flatsat_ros.core.estimator import Estimator
+from flatsat_ros.flight import estimator as model
+from flatsat_ros.flight.estimator import Estimator
 
 LEVEL = (0.0, 0.0, 0.0, 1.0)
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.supervisor import Mode, Policy, next_mode
+from flatsat_ros.flight.supervisor import Mode, Policy, next_mode
 
 POLICY = Policy(pose_timeout=0.3, level_time=3.0, unlock_time=0.5, ground_height=0.15, level_thrust=0.9)
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline, make_interp_spline
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.reference import References, Trajectory, evaluate
+from flatsat_ros.flight.reference import References, Trajectory, evaluate
 from flatsat_ros.law.input_set import InputSet
 
 LIMITS = InputSet(1.45 * 9.81, math.radians(10.0))

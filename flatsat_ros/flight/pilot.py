@@ -11,10 +11,10 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError, require_positive
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.core.estimator import Estimator
-from flatsat_ros.core.guarantee import Assessment, Watch
-from flatsat_ros.core.reference import References, Trajectory
-from flatsat_ros.core.supervisor import Mode, Policy, next_mode
+from flatsat_ros.flight.estimator import Estimator
+from flatsat_ros.flight.guarantee import Assessment, Watch
+from flatsat_ros.flight.reference import References, Trajectory
+from flatsat_ros.flight.supervisor import Mode, Policy, next_mode
 from flatsat_ros.law.controller import Controller, Memory, Output
 from flatsat_ros.law.gain import Tuning
 

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
 from flatsat_ros.certificate.sets import Place
-from flatsat_ros.core.guarantee import Watch
-from flatsat_ros.core.pilot import Pilot
-from flatsat_ros.core.reference import Trajectory
-from flatsat_ros.core.supervisor import Mode, Policy
+from flatsat_ros.flight.guarantee import Watch
+from flatsat_ros.flight.pilot import Pilot
+from flatsat_ros.flight.reference import Trajectory
+from flatsat_ros.flight.supervisor import Mode, Policy
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.law.input_set import InputSet
 

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.core.pilot import Pilot, Tick
-from flatsat_ros.core.reference import Trajectory
-from flatsat_ros.core.supervisor import Mode, Policy
+from flatsat_ros.flight.pilot import Pilot, Tick
+from flatsat_ros.flight.reference import Trajectory
+from flatsat_ros.flight.supervisor import Mode, Policy
 from flatsat_ros.law.flatness import acceleration_from_input
 from flatsat_ros.law.gain import Tuning
 

@@ -1,0 +1,1 @@
+"""One tick of N drones: estimate, reference, law, flight mode, command. Numpy only."""
