@@ -23,8 +23,8 @@ from flatsat_ros.cli.demo_scenario import (
     Scenario,
     record_of,
 )  # fmt: skip
-from flatsat_ros.core.vehicle import VehicleProfile
-from flatsat_ros.core.wire import WireSetpoint, input_from_setpoint
+from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.wire import WireSetpoint, input_from_setpoint
 from flatsat_ros.flight import telemetry
 from flatsat_ros.flight.pilot import Pilot, Tick
 from flatsat_ros.flight.reference import Trajectory

@@ -33,7 +33,7 @@ from flatsat_ros.cli.demo_scenario import (
     Scenario,
     record_of,
 )  # fmt: skip
-from flatsat_ros.core.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.flight.supervisor import Mode
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.cli.synthesize_table import margins, table
-from flatsat_ros.core.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.law.input_set import InputSet
 
 _GRAVITY = 9.81

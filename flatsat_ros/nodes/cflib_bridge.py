@@ -21,8 +21,8 @@ from rclpy.node import Node
 from std_srvs.srv import Empty
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.crazyflies import Robot
-from flatsat_ros.core.link import Address, Farewell, Lane, sendable
+from flatsat_ros.crazyflie.crazyflies_yaml import Robot
+from flatsat_ros.crazyflie.link import Address, Farewell, Lane, sendable
 from flatsat_ros.flight.supervisor import Policy
 from flatsat_ros.nodes import crazyswarm, interfaces, messages, runtime
 from flatsat_ros.nodes.parameters import declare, declare_choice, declare_robots, declare_vehicles, declare_yaw_mode

@@ -23,8 +23,8 @@ import cflib.crtp
 from cflib.crazyflie import Crazyflie
 from cflib.crazyflie.log import LogConfig
 
-from flatsat_ros.core.link import REST, Address, Farewell, Lane
-from flatsat_ros.core.wire import WireSetpoint
+from flatsat_ros.crazyflie.link import REST, Address, Farewell, Lane
+from flatsat_ros.crazyflie.wire import WireSetpoint
 
 # what sends one packet
 Packet = Callable[[Crazyflie], None]
@@ -160,7 +160,7 @@ class Link:
         self._thread.start()
 
     def command(self, setpoint: WireSetpoint) -> None:
-        """Send a set-point that `core.link.sendable` returned, unless a newer one comes before its turn."""
+        """Send a set-point that `crazyflie.link.sendable` returned, unless a newer one comes before its turn."""
         if not (self._leaving.is_set() or self._emergency.is_set()):
             self._newest = setpoint
             self._offer(Stream.SETPOINT, setpoint_packet(setpoint))

@@ -17,8 +17,8 @@ from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.core.vehicle import VehicleProfile
-from flatsat_ros.core.wire import input_from_setpoint
+from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.wire import input_from_setpoint
 from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS

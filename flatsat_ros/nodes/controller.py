@@ -24,7 +24,7 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.sets import Place
-from flatsat_ros.core.wire import PITCH_SIGN, setpoint_from_input
+from flatsat_ros.crazyflie.wire import PITCH_SIGN, setpoint_from_input
 from flatsat_ros.flight import telemetry
 from flatsat_ros.flight.pilot import Pilot, Tick
 from flatsat_ros.flight.reference import Trajectory

@@ -11,9 +11,9 @@ from rclpy.node import Node
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
-from flatsat_ros.core.crazyflies import Robot, read_crazyflies
-from flatsat_ros.core.vehicle import VehicleProfile
-from flatsat_ros.core.wire import YAW_SIGN
+from flatsat_ros.crazyflie.crazyflies_yaml import Robot, read_crazyflies
+from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.wire import YAW_SIGN
 
 
 def declare(
@@ -74,7 +74,7 @@ def declare_choice(node: Node, name: str, valid: Sequence[str], meaning: str) ->
 
 
 def declare_yaw_mode(node: Node) -> str:
-    """Declare what the yaw on the wire means, a key of `core.wire.YAW_SIGN`."""
+    """Declare what the yaw on the wire means, a key of `crazyflie.wire.YAW_SIGN`."""
     return declare_choice(node, "yaw_mode", list(YAW_SIGN), "the yaw on the wire, flightmode.stabModeYaw 0 or 1")
 
 

@@ -18,7 +18,7 @@ from rclpy.node import Node
 from std_srvs.srv import Empty, Trigger
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.crazyflies import Robot
+from flatsat_ros.crazyflie.crazyflies_yaml import Robot
 from flatsat_ros.nodes import crazyswarm, interfaces, messages, runtime
 from flatsat_ros.nodes.parameters import declare, declare_robots, declare_vehicles, declare_yaw_mode
 from flatsat_ros.sim.dynamics import Wind

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import require
-from flatsat_ros.core.vehicle import AttitudeResponse, Dynamics
+from flatsat_ros.crazyflie.vehicle import AttitudeResponse, Dynamics
 from flatsat_ros.law.flatness import acceleration_from_input
 
 BoolArray = NDArray[np.bool_]

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flatsat_ros.base.errors import require
-from flatsat_ros.core.vehicle import PWM_FULL, VehicleProfile
+from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile
 from flatsat_ros.sim.high_level import HighLevelCommander, PositionController
 
 FloatArray = NDArray[np.float64]

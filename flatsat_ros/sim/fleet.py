@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import require
-from flatsat_ros.core.vehicle import PWM_FULL, VehicleProfile
+from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile
 from flatsat_ros.sim.dynamics import GRAVITY, STEP, Bodies, Ideal, Identified, Response, Wind
 from flatsat_ros.sim.firmware import SUPERVISOR_PERIOD, Firmware
 from flatsat_ros.sim.high_level import HIGH_LEVEL_PERIOD

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from flatsat_ros.core.vehicle import VehicleProfile
-from flatsat_ros.core.wire import WireSetpoint, setpoint_from_input
+from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.wire import WireSetpoint, setpoint_from_input
 from flatsat_ros.flight.pilot import Pilot, Tick
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.sim.fleet import SimulatedFleet

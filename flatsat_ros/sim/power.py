@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import require
-from flatsat_ros.core.vehicle import PWM_FULL, VehicleProfile
+from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile
 from flatsat_ros.sim.dynamics import STEP
 
 BoolArray = NDArray[np.bool_]

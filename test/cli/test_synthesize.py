@@ -12,7 +12,7 @@ import pytest
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.cli.synthesize import main
-from flatsat_ros.core.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.vehicle import VehicleProfile
 
 PAPER_LIMITS = ["--thrust-max-g", "1.45"]
 

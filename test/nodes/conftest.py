@@ -31,8 +31,8 @@ from std_srvs.srv import Trigger
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.core.vehicle import VehicleProfile
-from flatsat_ros.core.wire import WireSetpoint, input_from_setpoint
+from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.wire import WireSetpoint, input_from_setpoint
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.law.flatness import acceleration_from_input

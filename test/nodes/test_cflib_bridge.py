@@ -19,9 +19,9 @@ from rclpy.timer import Timer
 from std_srvs.srv import Empty, SetBool
 
 from flatsat_ros.base.resources import config_path
-from flatsat_ros.core.link import ZERO_TIME
-from flatsat_ros.core.vehicle import VehicleProfile
-from flatsat_ros.core.wire import WireSetpoint
+from flatsat_ros.crazyflie.link import ZERO_TIME
+from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.nodes import interfaces, messages
 from flatsat_ros.nodes.interfaces import Topic

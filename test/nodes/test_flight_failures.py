@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from flatsat_ros.core.wire import WireSetpoint
+from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.flight.supervisor import Mode, Policy
 from flatsat_ros.nodes import interfaces, messages
 

@@ -16,8 +16,8 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
-from flatsat_ros.core.vehicle import VehicleProfile
-from flatsat_ros.core.wire import WireSetpoint, setpoint_from_input
+from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.wire import WireSetpoint, setpoint_from_input
 from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.nodes import messages

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rclpy.timer import Timer
 
-from flatsat_ros.core.wire import WireSetpoint
+from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.nodes import interfaces, messages
 
 if TYPE_CHECKING:

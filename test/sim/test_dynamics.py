@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from scipy import signal
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.vehicle import AttitudeResponse, Dynamics, VehicleProfile
+from flatsat_ros.crazyflie.vehicle import AttitudeResponse, Dynamics, VehicleProfile
 from flatsat_ros.law.flatness import acceleration_from_input
 from flatsat_ros.sim.dynamics import GRAVITY, STEP, Bodies, Ideal, Identified, Wind
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flatsat_ros.core.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.sim.dynamics import GRAVITY
 from flatsat_ros.sim.firmware import SUPERVISOR_PERIOD, TRANSITIONS, Firmware, State
 from flatsat_ros.sim.fleet import SimulatedFleet

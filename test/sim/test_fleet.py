@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.law.flatness import acceleration_from_input, input_from_acceleration
 from flatsat_ros.sim.dynamics import GRAVITY, STEP, Wind
 from flatsat_ros.sim.fleet import SimulatedFleet

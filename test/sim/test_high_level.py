@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from flatsat_ros.core.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.sim.dynamics import GRAVITY
 from flatsat_ros.sim.firmware import State
 from flatsat_ros.sim.fleet import SimulatedFleet

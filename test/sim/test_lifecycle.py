@@ -9,8 +9,8 @@ import pytest
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.core.vehicle import VehicleProfile
-from flatsat_ros.core.wire import WireSetpoint
+from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.flight.pilot import Pilot, Tick
 from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Mode, Policy

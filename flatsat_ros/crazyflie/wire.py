@@ -12,7 +12,7 @@ import math
 from typing import NamedTuple
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.vehicle import VehicleProfile
 
 # sign of the pitch by crazyswarm2 back end
 PITCH_SIGN = {"cpp": 1.0, "cflib": -1.0}

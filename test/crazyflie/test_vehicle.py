@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.vehicle import VehicleProfile
 
 VEHICLES = Path(__file__).parents[2] / "config" / "vehicles"
 NAMES = ("cf21", "cf21_plus", "cf2x_2025", "thrust_kit", "brushless")

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.crazyflies import Robot, read_crazyflies
+from flatsat_ros.crazyflie.crazyflies_yaml import Robot, read_crazyflies
 
 EXAMPLE = """
 fileversion: 3

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.vehicle import VehicleProfile
-from flatsat_ros.core.wire import WireSetpoint, input_from_setpoint, setpoint_from_input
+from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.wire import WireSetpoint, input_from_setpoint, setpoint_from_input
 
 CF21 = VehicleProfile.load(Path(__file__).parents[2] / "config" / "vehicles" / "cf21.yaml")
 

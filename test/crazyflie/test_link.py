@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.link import REST, ZERO_TIME, Address, Farewell, Lane, sendable
-from flatsat_ros.core.wire import WireSetpoint
+from flatsat_ros.crazyflie.link import REST, ZERO_TIME, Address, Farewell, Lane, sendable
+from flatsat_ros.crazyflie.wire import WireSetpoint
 
 LIFETIME = 0.25
 HOVER = WireSetpoint(1.0, 2.0, 3.0, 40000.0)

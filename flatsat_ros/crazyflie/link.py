@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from flatsat_ros.base.errors import FlatsatError, require
-from flatsat_ros.core.wire import WireSetpoint
+from flatsat_ros.crazyflie.wire import WireSetpoint
 
 S = TypeVar("S", bound=Hashable)
 P = TypeVar("P")
