@@ -17,11 +17,11 @@ from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Policy
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.law.input_set import InputSet
+from flatsat_ros.planning.spline import spline_through
 from flatsat_ros.sim.dynamics import Wind
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.flight import fly
 from flatsat_ros.sim.sensor import MotionCapture, Sample
-from flatsat_ros.synthesis.planner import spline_through
 
 # the paper's swap, at the rate and with the thrust that a lab flies
 LIMITS = InputSet(1.45 * 9.81, math.radians(10.0))

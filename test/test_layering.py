@@ -20,28 +20,30 @@ PACKAGE = "flatsat_ros"
 class Room:
     """What the modules of one folder may import beside the standard library and their own folder."""
 
-    rooms: frozenset[str] = frozenset()
-    lazy_rooms: frozenset[str] = frozenset()  # inside a function only
-    libraries: frozenset[str] | None = frozenset()  # None: any, ROS included
+    rooms: frozenset[str]
+    libraries: frozenset[str] | None  # None: any, ROS included
 
 
-NO_ROS = frozenset({"numpy", "scipy", "yaml"})
+def _room(rooms: str = "", libraries: str | None = "") -> Room:
+    """A room, from names separated by spaces."""
+    return Room(frozenset(rooms.split()), None if libraries is None else frozenset(libraries.split()))
+
+
+# bottom to top: a room may import only rooms above it in this table
 ROOMS = {
-    "__init__": Room(),
-    "base": Room(libraries=frozenset({"numpy", "yaml"})),
-    "law": Room(rooms=frozenset({"base"}), libraries=frozenset({"numpy"})),
-    "certificate": Room(rooms=frozenset({"base", "law"}), libraries=frozenset({"numpy", "yaml"})),
-    "flight": Room(rooms=frozenset({"base", "law", "certificate"}), libraries=frozenset({"numpy"})),
-    "crazyflie": Room(rooms=frozenset({"base"}), libraries=frozenset({"numpy", "yaml"})),
-    "core": Room(rooms=frozenset({"base", "law", "certificate", "flight", "crazyflie"}), libraries=frozenset({"numpy", "yaml"})),
-    "synthesis": Room(rooms=frozenset({"base", "law", "certificate", "flight", "crazyflie", "core"}), libraries=NO_ROS | {"clarabel", "cvxpy", "tqdm"}),
-    "sim": Room(rooms=frozenset({"base", "law", "certificate", "flight", "crazyflie", "core"}), libraries=NO_ROS),
-    "nodes": Room(rooms=frozenset({"base", "law", "certificate", "flight", "crazyflie", "core", "sim"}), libraries=None),
-    "cli": Room(
-        rooms=frozenset({"base", "law", "certificate", "flight", "crazyflie", "core", "sim", "synthesis"}),
-        lazy_rooms=frozenset({"nodes"}),
-        libraries=NO_ROS | {"matplotlib", "rosbags", "tqdm"},
-    ),
+    "__init__": _room(),
+    "base": _room(libraries="numpy yaml"),
+    "law": _room("base", libraries="numpy"),
+    "certificate": _room("base law", libraries="numpy yaml"),
+    "flight": _room("base law certificate", libraries="numpy"),
+    "crazyflie": _room("base", libraries="numpy yaml"),
+    "core": _room("base law certificate flight crazyflie", libraries="numpy yaml"),
+    "planning": _room("base law certificate flight", libraries="numpy scipy"),
+    "synthesis": _room("base law certificate core planning flight", libraries="numpy scipy clarabel cvxpy matplotlib tqdm"),
+    "identification": _room("base flight", libraries="numpy"),
+    "sim": _room("base law certificate flight crazyflie core", libraries="numpy"),
+    "nodes": _room("base law certificate flight crazyflie core identification sim", libraries=None),
+    "cli": _room("base law certificate flight crazyflie core synthesis planning sim nodes", libraries="numpy scipy matplotlib rosbags tqdm"),
 }
 
 
@@ -109,7 +111,7 @@ def _allowed(room: str, imported: Import) -> bool:
     if top == PACKAGE:
         target = rest.partition(".")[0]
         own_or_root = target == room or target not in ROOMS  # flatsat_ros.__version__ belongs to nobody
-        return own_or_root or target in ROOMS[room].rooms or (imported.lazy and target in ROOMS[room].lazy_rooms)
+        return own_or_root or target in ROOMS[room].rooms
     libraries = ROOMS[room].libraries
     return top in sys.stdlib_module_names or libraries is None or top in libraries
 
@@ -159,7 +161,6 @@ def test_right_arrows_are_accepted(tree: Path) -> None:
         ("synthesis/bad.py", "from std_msgs.msg import Header", "std_msgs"),
         ("nodes/bad.py", "from flatsat_ros.cli import demo", "cli"),
         ("nodes/bad.py", "from flatsat_ros.synthesis import nominal", "synthesis"),
-        ("cli/bad.py", "from flatsat_ros.nodes import controller", "nodes"),
         ("cli/bad.py", "def main():\n    import rclpy", "rclpy"),
         ("attic/bad.py", "import math", "attic"),
     ],
@@ -186,7 +187,7 @@ def test_every_ros_package_the_nodes_need_is_declared(root: Path) -> None:
         for imported in imports_of(file, dotted)
         if not imported.lazy  # what is imported lazily may be absent
     }
-    assert needed - set(sys.stdlib_module_names) - NO_ROS - {PACKAGE, "rosbags", "cflib", "tqdm"} <= declared
+    assert needed - set(sys.stdlib_module_names) - {PACKAGE, "numpy", "yaml", "rosbags", "cflib", "tqdm"} <= declared
 
 
 def test_cflib_which_is_gpl_is_loaded_by_one_executable_only() -> None:

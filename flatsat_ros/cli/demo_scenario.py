@@ -103,7 +103,7 @@ def plan(
         certificate = synthesize(certificate.limits, certificate.rate, 1.0 / rate, f"demo_{rate:g}_hz")
         path = folder / "certificate.yaml"
         certificate.save(path)
-    from flatsat_ros.synthesis.planner import spline_through
+    from flatsat_ros.planning.spline import spline_through
 
     ring = _ring(count)
     legs = math.ceil(seconds / LEG_TIME - 1e-9)

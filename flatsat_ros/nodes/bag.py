@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.recording import Recording
+from flatsat_ros.identification.recording import Recording
 from flatsat_ros.nodes import messages
 
 _KIND = "geometry_msgs/msg/PoseStamped"

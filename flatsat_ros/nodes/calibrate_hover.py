@@ -13,8 +13,8 @@ from tqdm import tqdm
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
-from flatsat_ros.core.hover import thrust_scale
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.identification.hover import thrust_scale
 from flatsat_ros.nodes import interfaces, runtime
 from flatsat_ros.nodes.parameters import declare, robot_names
 

@@ -12,7 +12,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.recording import Recording, read_csv
+from flatsat_ros.identification.recording import Recording, read_csv
 from flatsat_ros.nodes import interfaces, messages, runtime
 from flatsat_ros.nodes.bag import read_bag
 from flatsat_ros.nodes.parameters import declare, robot_names

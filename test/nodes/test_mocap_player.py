@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
-from flatsat_ros.core.recording import COLUMNS
 from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.identification.recording import COLUMNS
 from flatsat_ros.nodes import interfaces, messages
 from flatsat_ros.nodes.bag import Recorded, write_bag
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from flatsat_ros.core.recording import COLUMNS
+from flatsat_ros.identification.recording import COLUMNS
 
 if TYPE_CHECKING:
     from conftest import Lab

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.hover import thrust_scale
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS
+from flatsat_ros.identification.hover import thrust_scale
 
 
 def hover(scale: float, tilt: float = 0.0, noise: float = 0.0, count: int = 200, estimated: float = 1.0) -> np.ndarray:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.recording import COLUMNS, Recording, read_csv
+from flatsat_ros.identification.recording import COLUMNS, Recording, read_csv
 
 HEADER = ",".join(COLUMNS)
 EPOCH = 1_700_000_000.0

@@ -1,0 +1,1 @@
+"""What recordings and flights say about the vehicle and its motion capture. Numpy only."""

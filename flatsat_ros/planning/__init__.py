@@ -1,0 +1,1 @@
+"""References made offline: splines through way-points."""
