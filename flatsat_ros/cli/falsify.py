@@ -135,7 +135,7 @@ def _tamper(sabotage: str, proven: Certificate) -> Certificate:
         case "eps":
             return replace(proven, level=1.05 * proven.level)
         case "gain":
-            from flatsat_ros.synthesis.loop import worst_case
+            from flatsat_ros.synthesis.gain_cap import worst_case
 
             limit = min(worst_case(proven.timing, block, proven.gain_max).constant for block in proven.blocks)
             return replace(proven, gain_max=1.3 * limit)
@@ -157,7 +157,7 @@ def _pool(campaigns: Sequence[str]) -> Pool:
         return pool
 
     from flatsat_ros.synthesis.nominal import synthesize  # cvxpy takes seconds to import
-    from flatsat_ros.synthesis.robust import synthesize_robust
+    from flatsat_ros.synthesis.robust_design import synthesize_robust
 
     gravity = 9.81
     limits = InputSet(1.45 * gravity, math.radians(10.0), gravity)

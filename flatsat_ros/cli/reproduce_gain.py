@@ -26,7 +26,7 @@ from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.flight import fly
 from flatsat_ros.sim.sensor import MotionCapture, Sample
-from flatsat_ros.synthesis.loop import gain_cap
+from flatsat_ros.synthesis.gain_cap import gain_cap
 
 MU, V_INF, LEAK = 3.0, 0.05, 0.15
 LAWS = ("the paper's", "with the cap of the real loop", "leaky", "restarting")

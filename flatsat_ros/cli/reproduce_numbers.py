@@ -24,7 +24,7 @@ from flatsat_ros.cli.reproduce_runs import (
 )
 from flatsat_ros.cli.reproduce_table import Table
 from flatsat_ros.law.input_set import InputSet
-from flatsat_ros.synthesis.robust import largest_box, rate_interval
+from flatsat_ros.synthesis.robust_design import largest_box, rate_interval
 
 INPUT = "an input, taken as printed"
 

@@ -28,9 +28,9 @@ from flatsat_ros.cli.reproduce_studies import (
 )
 from flatsat_ros.law.controller import Controller
 from flatsat_ros.law.gain import Tuning
-from flatsat_ros.synthesis.loop import gain_cap
+from flatsat_ros.synthesis.gain_cap import gain_cap
 from flatsat_ros.synthesis.nominal import synthesize_paper
-from flatsat_ros.synthesis.robust import synthesize_paper_robust
+from flatsat_ros.synthesis.robust_design import synthesize_paper_robust
 
 # Table I, and the simulation study of the adaptive gain
 GAMMA_0, V_INF = 1.0, 0.05

@@ -17,9 +17,9 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.sampled_loop import Timing
-from flatsat_ros.cli.synthesize_table import margins, table
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.law.input_set import InputSet
+from flatsat_ros.synthesis.report import margins, table
 
 _GRAVITY = 9.81
 
@@ -164,7 +164,7 @@ def _robust(
     if arguments.lag or arguments.delay or arguments.kappa is not None or arguments.gain_max is not None:
         raise FlatsatError("--drift, --push: certified for the plain hold; drop --lag, --delay, --kappa, --gain-max")
     from flatsat_ros.synthesis.goals import robust_rate_covering
-    from flatsat_ros.synthesis.robust import synthesize_robust
+    from flatsat_ros.synthesis.robust_design import synthesize_robust
 
     drift, push = (_pair(option, getattr(arguments, option)) for option in ("drift", "push"))
     rate = arguments.rate
@@ -190,7 +190,7 @@ def _write_paper(arguments: argparse.Namespace) -> None:
         raise FlatsatError(f"{', '.join(given)}: the paper's certificates take no inputs; drop it or --paper")
 
     from flatsat_ros.synthesis.nominal import PAPER, synthesize_paper
-    from flatsat_ros.synthesis.robust import synthesize_paper_robust
+    from flatsat_ros.synthesis.robust_design import synthesize_paper_robust
 
     makers = {name: partial(synthesize_paper, name) for name in PAPER} | {"paper_robust": synthesize_paper_robust}
     names = [name for name in makers if arguments.paper in ("all", name.removeprefix("paper_"))]
@@ -260,7 +260,7 @@ def _finish(certificate: Certificate, arguments: argparse.Namespace, target: Pat
     print(lines)
     print(f"  written to {target}" if target is not None else "  not written: give --output FILE")
     if arguments.plot is not None:
-        from flatsat_ros.cli.synthesize_pictures import draw
+        from flatsat_ros.synthesis.pictures import draw
 
         draw(certificate, arguments.plot)
         print(f"  pictures in {arguments.plot}")

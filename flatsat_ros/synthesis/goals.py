@@ -21,8 +21,8 @@ from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interv
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.certificate.sets import Sets
 from flatsat_ros.law.input_set import InputSet
-from flatsat_ros.synthesis.loop import gain_cap
-from flatsat_ros.synthesis.robust import closed_form_blocks, largest_box, rate_interval, robust_sets
+from flatsat_ros.synthesis.gain_cap import gain_cap
+from flatsat_ros.synthesis.robust_design import closed_form_blocks, largest_box, rate_interval, robust_sets
 
 _RATE_RANGE = (1e-2, 1e2)  # 1/s; what `cover` looks through
 
@@ -61,8 +61,8 @@ def rate_covering(
         limits: V_c.
         errors: magnitudes, see `corners`.
         timing: of the loop.
-        lowest: see `synthesis.loop.gain_cap`.
-        highest: see `synthesis.loop.gain_cap`.
+        lowest: see `synthesis.gain_cap.gain_cap`.
+        highest: see `synthesis.gain_cap.gain_cap`.
 
     Raises:
         FlatsatError: no rate covers them.
@@ -89,7 +89,7 @@ def robust_rate_covering(
         limits: V_c.
         errors: magnitudes, see `corners`.
         period: h, s.
-        drift: (2,), m/s, see `synthesis.robust`.
+        drift: (2,), m/s, see `synthesis.robust_design`.
         push: (2,), m/s^2.
 
     Raises:

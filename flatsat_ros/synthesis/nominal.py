@@ -22,7 +22,7 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.law.input_set import InputSet
-from flatsat_ros.synthesis.loop import GainCap, gain_cap
+from flatsat_ros.synthesis.gain_cap import GainCap, gain_cap
 from flatsat_ros.synthesis.solver import solve, solver_name
 
 # Largest relative difference between the solver's answer and the closed form; the solver stops at about 1e-8.

@@ -24,9 +24,9 @@ from flatsat_ros.cli.reproduce_runs import (
     run_test_1,
 )
 from flatsat_ros.cli.reproduce_table import VERDICTS, Table, compare
-from flatsat_ros.synthesis.loop import gain_cap
+from flatsat_ros.synthesis.gain_cap import gain_cap
 from flatsat_ros.synthesis.nominal import synthesize_paper
-from flatsat_ros.synthesis.robust import synthesize_paper_robust
+from flatsat_ros.synthesis.robust_design import synthesize_paper_robust
 
 WRONG = {
     "Q as printed certifies alpha",

@@ -20,7 +20,7 @@ from flatsat_ros.sim.adversary import References
 from flatsat_ros.sim.claims import ROUNDING
 from flatsat_ros.sim.falsify import CAMPAIGNS, RUNS, STEPS, Outcome, Pool, run
 from flatsat_ros.synthesis.nominal import synthesize
-from flatsat_ros.synthesis.robust import synthesize_paper_robust
+from flatsat_ros.synthesis.robust_design import synthesize_paper_robust
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -18,9 +18,9 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.law.input_set import InputSet
-from flatsat_ros.synthesis.loop import worst_case
+from flatsat_ros.synthesis.gain_cap import worst_case
 from flatsat_ros.synthesis.nominal import synthesize
-from flatsat_ros.synthesis.robust import synthesize_paper_robust, synthesize_robust
+from flatsat_ros.synthesis.robust_design import synthesize_paper_robust, synthesize_robust
 
 _SPEC = importlib.util.spec_from_file_location("exact", Path(__file__).parent / "exact.py")
 assert _SPEC is not None

@@ -15,7 +15,7 @@ from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis.goals import corners, rate_covering, robust_rate_covering
 from flatsat_ros.synthesis.nominal import synthesize
-from flatsat_ros.synthesis.robust import synthesize_robust
+from flatsat_ros.synthesis.robust_design import synthesize_robust
 
 LIMITS = InputSet(1.45 * 9.81, math.radians(10.0))
 STRONG = InputSet(2.0 * 9.81, math.radians(40.0))

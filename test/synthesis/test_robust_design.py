@@ -15,8 +15,8 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.robust import gathered_disturbance, robust_residual
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.law.input_set import InputSet
-from flatsat_ros.synthesis import robust
-from flatsat_ros.synthesis.robust import closed_form_blocks, largest_box, rate_interval, synthesize_robust
+from flatsat_ros.synthesis import robust_design as robust
+from flatsat_ros.synthesis.robust_design import closed_form_blocks, largest_box, rate_interval, synthesize_robust
 
 LIMITS = InputSet(2.0 * 9.81, math.radians(40.0))
 DRIFT, PUSH, NONE = (0.5, 0.3), (0.4, 0.2), (0.0, 0.0)

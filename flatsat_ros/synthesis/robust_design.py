@@ -29,7 +29,7 @@ from flatsat_ros.certificate.robust import Robust, gathered_disturbance
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.certificate.sets import Sets
 from flatsat_ros.law.input_set import InputSet
-from flatsat_ros.synthesis.loop import gain_cap
+from flatsat_ros.synthesis.gain_cap import gain_cap
 from flatsat_ros.synthesis.solver import solve, solver_name
 
 # Largest relative difference between the line search with the solver and the closed form.

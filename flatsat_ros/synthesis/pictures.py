@@ -15,8 +15,8 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lyapunov import hold_growth
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.certificate.sets import Sets
-from flatsat_ros.cli.synthesize_table import paper_sets
-from flatsat_ros.synthesis.loop import circle_limit, gain_cap
+from flatsat_ros.synthesis.gain_cap import circle_limit, gain_cap
+from flatsat_ros.synthesis.report import paper_sets
 
 _LAGS = (0.0, 0.05, 0.1, 0.15)  # s
 _PERIODS = np.geomspace(0.005, 0.2, 16)  # s

@@ -68,7 +68,7 @@ def margins(certificate: Certificate) -> list[str]:
 
 
 def _loop(certificate: Certificate) -> list[str]:
-    from flatsat_ros.synthesis.loop import worst_case  # scipy and cvxpy take a second to import
+    from flatsat_ros.synthesis.gain_cap import worst_case  # scipy and cvxpy take a second to import
 
     timing, cap = certificate.timing, certificate.gain_max
     worst = min((worst_case(timing, block, cap) for block in certificate.blocks), key=lambda case: case.switching)
