@@ -18,9 +18,9 @@ from flatsat_ros.flight.supervisor import Policy
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.planning.spline import spline_through
+from flatsat_ros.sim.closed_loop import fly
 from flatsat_ros.sim.dynamics import Wind
 from flatsat_ros.sim.fleet import SimulatedFleet
-from flatsat_ros.sim.flight import fly
 from flatsat_ros.sim.sensor import MotionCapture, Sample
 
 # the paper's swap, at the rate and with the thrust that a lab flies

@@ -42,8 +42,9 @@ ROOMS = {
     "synthesis": _room("base law certificate core planning flight", libraries="numpy scipy clarabel cvxpy matplotlib tqdm"),
     "identification": _room("base flight", libraries="numpy"),
     "sim": _room("base law certificate flight crazyflie core", libraries="numpy"),
+    "falsification": _room("base law certificate synthesis sim", libraries="numpy tqdm"),
     "nodes": _room("base law certificate flight crazyflie core identification sim", libraries=None),
-    "cli": _room("base law certificate flight crazyflie core synthesis planning sim nodes", libraries="numpy scipy matplotlib rosbags tqdm"),
+    "cli": _room("base law certificate flight crazyflie core synthesis planning sim falsification nodes", libraries="numpy scipy matplotlib rosbags tqdm"),
 }
 
 

@@ -30,8 +30,8 @@ from flatsat_ros.flight.pilot import Pilot, Tick
 from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Mode, Policy
 from flatsat_ros.law.gain import Tuning
+from flatsat_ros.sim.closed_loop import fly as fly_simulated
 from flatsat_ros.sim.fleet import SimulatedFleet
-from flatsat_ros.sim.flight import fly as fly_simulated
 from flatsat_ros.sim.sensor import MotionCapture, Sample
 
 

@@ -21,9 +21,9 @@ from tqdm import tqdm
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.sets import Place
+from flatsat_ros.falsification.campaigns import CAMPAIGNS, RUNS, Outcome, Pool, run
+from flatsat_ros.falsification.claims import Violation
 from flatsat_ros.law.input_set import InputSet
-from flatsat_ros.sim.claims import Violation
-from flatsat_ros.sim.falsify import CAMPAIGNS, RUNS, Outcome, Pool, run
 
 # alpha 1/s, h s, tau s, d s, smallest applied gain that is asked for
 _LAGS = [

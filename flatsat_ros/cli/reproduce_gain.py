@@ -23,8 +23,8 @@ from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Policy
 from flatsat_ros.law.controller import Controller
 from flatsat_ros.law.gain import Tuning
+from flatsat_ros.sim.closed_loop import fly
 from flatsat_ros.sim.fleet import SimulatedFleet
-from flatsat_ros.sim.flight import fly
 from flatsat_ros.sim.sensor import MotionCapture, Sample
 from flatsat_ros.synthesis.gain_cap import gain_cap
 

@@ -15,8 +15,8 @@ from flatsat_ros.flight.pilot import Pilot, Tick
 from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Mode, Policy
 from flatsat_ros.law.gain import Tuning
+from flatsat_ros.sim.closed_loop import fly
 from flatsat_ros.sim.fleet import SimulatedFleet
-from flatsat_ros.sim.flight import fly
 from flatsat_ros.sim.sensor import MotionCapture, Sample
 
 CONFIG = Path(__file__).parents[2] / "config"

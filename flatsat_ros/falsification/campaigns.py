@@ -18,11 +18,11 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.gain_bounds import sampled_gain_bound
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.certificate.sets import Membership, Place
+from flatsat_ros.falsification import adversary
+from flatsat_ros.falsification.adversary import Course, Disturbance, Gains, References
+from flatsat_ros.falsification.claims import Ledger, Levels, Violation
 from flatsat_ros.law.controller import Controller, Memory, Output
 from flatsat_ros.law.gain import Tuning
-from flatsat_ros.sim import adversary
-from flatsat_ros.sim.adversary import Course, Disturbance, Gains, References
-from flatsat_ros.sim.claims import Ledger, Levels, Violation
 
 # Runs of one batch, and periods (or steps of integration) of one run.
 RUNS, STEPS = 1000, 60

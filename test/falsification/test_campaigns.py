@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.falsification import adversary
+from flatsat_ros.falsification.adversary import References
+from flatsat_ros.falsification.campaigns import CAMPAIGNS, RUNS, STEPS, Outcome, Pool, run
+from flatsat_ros.falsification.claims import ROUNDING
 from flatsat_ros.law.input_set import InputSet
-from flatsat_ros.sim import adversary
-from flatsat_ros.sim.adversary import References
-from flatsat_ros.sim.claims import ROUNDING
-from flatsat_ros.sim.falsify import CAMPAIGNS, RUNS, STEPS, Outcome, Pool, run
 from flatsat_ros.synthesis.nominal import synthesize
 from flatsat_ros.synthesis.robust_design import synthesize_paper_robust
 

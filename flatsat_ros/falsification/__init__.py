@@ -1,0 +1,1 @@
+"""Campaigns of closed loops that try to break what certificates claim. Numpy only."""
