@@ -39,7 +39,7 @@ setup(
     zip_safe=False,  # the configuration is found beside the package, as files
     entry_points={
         "console_scripts": [
-            "controller = flatsat_ros.nodes.controller:main",
+            "controller = flatsat_ros.nodes.controller_node:main",
             "cflib_bridge = flatsat_ros.nodes.cflib_bridge:main",
             "calibrate_hover = flatsat_ros.nodes.calibrate_hover:main",
             "sim_drone = flatsat_ros.nodes.sim_drone:main",

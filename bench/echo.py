@@ -10,7 +10,7 @@ import sys
 from geometry_msgs.msg import Twist
 from rclpy.node import Node
 
-from flatsat_ros.nodes import interfaces, messages, runtime
+from flatsat_ros.nodes.ros import interfaces, messages, runtime
 
 
 class Echo(Node):  # type: ignore[misc]

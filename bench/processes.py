@@ -25,7 +25,7 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS
-from flatsat_ros.nodes import interfaces, messages
+from flatsat_ros.nodes.ros import interfaces, messages
 
 ROBOTS = ("cf1", "cf2", "cf3")
 CONTROLLER, RAW_ECHO, TYPED_ECHO = "controller", "echo_raw", "echo_typed"
@@ -198,7 +198,7 @@ def _commands(certificate: Path, period: float) -> dict[str, list[str]]:
         remapped = [word for pose in poses for word in ("-r", f"{pose}:=/{pose}")]
         return [sys.executable, *program, "--ros-args", "-r", f"__ns:=/{name}", *remapped, *settings]
 
-    controller = ["-m", "flatsat_ros.nodes.controller"]
+    controller = ["-m", "flatsat_ros.nodes.controller_node"]
     echo = [str(Path(__file__).with_name("echo.py"))]
     tick = {"period": repr(period)}
     return {

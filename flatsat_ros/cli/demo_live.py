@@ -60,8 +60,8 @@ def fly(scenario: Scenario, folder: Path) -> FlightRecord:
         FlatsatError: the nodes did not find each other, one died, another demo is running, the controller refused to
             arm, take off or land, or a drone did not land.
     """
-    from flatsat_ros.nodes.bag import write_bag
     from flatsat_ros.nodes.conductor import conducting
+    from flatsat_ros.nodes.ros.bag import write_bag
 
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     vehicle = VehicleProfile.load(config_path(VEHICLE, "vehicles"))

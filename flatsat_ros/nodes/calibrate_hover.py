@@ -15,8 +15,8 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.identification.hover import thrust_scale
-from flatsat_ros.nodes import interfaces, runtime
-from flatsat_ros.nodes.parameters import declare, robot_names
+from flatsat_ros.nodes.ros import interfaces, runtime
+from flatsat_ros.nodes.ros.parameters import declare, robot_names
 
 _SILENCE = 5.0  # s without telemetry after which it gives up
 

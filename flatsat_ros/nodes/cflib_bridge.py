@@ -24,8 +24,9 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot
 from flatsat_ros.crazyflie.link import Address, Farewell, Lane, sendable
 from flatsat_ros.flight.supervisor import Policy
-from flatsat_ros.nodes import crazyswarm, interfaces, messages, runtime
-from flatsat_ros.nodes.parameters import declare, declare_choice, declare_robots, declare_vehicles, declare_yaw_mode
+from flatsat_ros.nodes import crazyswarm
+from flatsat_ros.nodes.ros import interfaces, messages, runtime
+from flatsat_ros.nodes.ros.parameters import declare, declare_choice, declare_robots, declare_vehicles, declare_yaw_mode
 
 if TYPE_CHECKING:
     from flatsat_ros.nodes.cflib_link import Link

@@ -22,9 +22,9 @@ from flatsat_ros.crazyflie.wire import input_from_setpoint
 from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS
-from flatsat_ros.nodes import interfaces, messages
-from flatsat_ros.nodes.bag import Recorded
-from flatsat_ros.nodes.interfaces import Topic
+from flatsat_ros.nodes.ros import interfaces, messages
+from flatsat_ros.nodes.ros.bag import Recorded
+from flatsat_ros.nodes.ros.interfaces import Topic
 
 _RECORDED = (interfaces.POSE, interfaces.COMMAND, interfaces.TELEMETRY, interfaces.GOAL, interfaces.TRAJECTORY)
 # what the controller is asked for, by name

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool
 
-from flatsat_ros.nodes import interfaces
+from flatsat_ros.nodes.ros import interfaces
 
 _PACKAGE = "crazyflie_interfaces"
 # The last set-point may still be under way when the drone is told that none follows; were it the last to arrive, the

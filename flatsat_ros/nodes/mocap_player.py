@@ -13,9 +13,9 @@ from rclpy.node import Node
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.identification.recording import Recording, read_csv
-from flatsat_ros.nodes import interfaces, messages, runtime
-from flatsat_ros.nodes.bag import read_bag
-from flatsat_ros.nodes.parameters import declare, robot_names
+from flatsat_ros.nodes.ros import interfaces, messages, runtime
+from flatsat_ros.nodes.ros.bag import read_bag
+from flatsat_ros.nodes.ros.parameters import declare, robot_names
 
 # how often it looks whether someone listens, s
 _PATIENCE = 0.05

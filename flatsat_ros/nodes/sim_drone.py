@@ -19,8 +19,9 @@ from std_srvs.srv import Empty, Trigger
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot
-from flatsat_ros.nodes import crazyswarm, interfaces, messages, runtime
-from flatsat_ros.nodes.parameters import declare, declare_robots, declare_vehicles, declare_yaw_mode
+from flatsat_ros.nodes import crazyswarm
+from flatsat_ros.nodes.ros import interfaces, messages, runtime
+from flatsat_ros.nodes.ros.parameters import declare, declare_robots, declare_vehicles, declare_yaw_mode
 from flatsat_ros.sim.dynamics import Wind
 from flatsat_ros.sim.firmware import Firmware, State
 from flatsat_ros.sim.fleet import SimulatedFleet

@@ -36,8 +36,8 @@ from flatsat_ros.crazyflie.wire import WireSetpoint, input_from_setpoint
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.law.flatness import acceleration_from_input
-from flatsat_ros.nodes import interfaces, messages
-from flatsat_ros.nodes.interfaces import Topic
+from flatsat_ros.nodes.ros import interfaces, messages
+from flatsat_ros.nodes.ros.interfaces import Topic
 
 DEADLINE = 40.0  # s
 GOODBYE = 20.0  # s, for a process that was told to stop

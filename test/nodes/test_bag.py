@@ -10,8 +10,8 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.serialization import serialize_message
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.nodes import messages
-from flatsat_ros.nodes.bag import Recorded, read_bag, write_bag
+from flatsat_ros.nodes.ros import messages
+from flatsat_ros.nodes.ros.bag import Recorded, read_bag, write_bag
 
 KIND = "geometry_msgs/msg/PoseStamped"
 

@@ -23,8 +23,8 @@ from flatsat_ros.crazyflie.link import ZERO_TIME
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.flight.reference import Trajectory
-from flatsat_ros.nodes import interfaces, messages
-from flatsat_ros.nodes.interfaces import Topic
+from flatsat_ros.nodes.ros import interfaces, messages
+from flatsat_ros.nodes.ros.interfaces import Topic
 from flatsat_ros.sim.firmware import SHUTDOWN_AGE, State
 from flatsat_ros.sim.fleet import SimulatedFleet
 

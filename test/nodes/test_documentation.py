@@ -12,9 +12,9 @@ import pytest
 import rclpy
 
 from flatsat_ros.flight.telemetry import FIELDS
-from flatsat_ros.nodes import interfaces
 from flatsat_ros.nodes.cflib_bridge import CflibBridge
-from flatsat_ros.nodes.controller import ControllerNode
+from flatsat_ros.nodes.controller_node import ControllerNode
+from flatsat_ros.nodes.ros import interfaces
 from flatsat_ros.nodes.sim_drone import SimDrone
 
 # what rclpy declares by itself

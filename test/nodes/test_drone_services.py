@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 from std_srvs.srv import Empty, SetBool, Trigger
 
-from flatsat_ros.nodes import interfaces
+from flatsat_ros.nodes.ros import interfaces
 
 if TYPE_CHECKING:
     from conftest import Lab

@@ -15,7 +15,7 @@ import pytest
 from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS
-from flatsat_ros.nodes import interfaces, messages
+from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.sim.firmware import SHUTDOWN_AGE, State
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import pytest
 
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.flight.supervisor import Mode, Policy
-from flatsat_ros.nodes import interfaces, messages
+from flatsat_ros.nodes.ros import interfaces, messages
 
 if TYPE_CHECKING:
     from conftest import Lab

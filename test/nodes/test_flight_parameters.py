@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from flatsat_ros.nodes import interfaces
+from flatsat_ros.nodes.ros import interfaces
 
 if TYPE_CHECKING:
     from conftest import Lab

@@ -10,7 +10,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS
-from flatsat_ros.nodes import interfaces
+from flatsat_ros.nodes.ros import interfaces
 
 if TYPE_CHECKING:
     from conftest import Lab

@@ -20,7 +20,7 @@ from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.crazyflie.wire import WireSetpoint, setpoint_from_input
 from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.telemetry import FIELDS
-from flatsat_ros.nodes import messages
+from flatsat_ros.nodes.ros import messages
 
 NUMBERS = st.floats(allow_nan=False)
 STAMPS = st.integers(0, 2**31 * messages.NANOSECONDS - 1)

@@ -11,8 +11,8 @@ from rclpy.serialization import serialize_message
 
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.identification.recording import COLUMNS
-from flatsat_ros.nodes import interfaces, messages
-from flatsat_ros.nodes.bag import Recorded, write_bag
+from flatsat_ros.nodes.ros import interfaces, messages
+from flatsat_ros.nodes.ros.bag import Recorded, write_bag
 
 if TYPE_CHECKING:
     from conftest import Lab

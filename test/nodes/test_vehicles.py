@@ -10,7 +10,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from std_srvs.srv import SetBool
 
-from flatsat_ros.nodes import interfaces, messages
+from flatsat_ros.nodes.ros import interfaces, messages
 
 if TYPE_CHECKING:
     from conftest import Lab

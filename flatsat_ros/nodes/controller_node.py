@@ -31,9 +31,9 @@ from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Mode, Policy
 from flatsat_ros.law.controller import Controller
 from flatsat_ros.law.gain import Tuning
-from flatsat_ros.nodes import interfaces, messages, runtime
 from flatsat_ros.nodes.crazyswarm import SETTLED, DroneLink
-from flatsat_ros.nodes.parameters import (
+from flatsat_ros.nodes.ros import interfaces, messages, runtime
+from flatsat_ros.nodes.ros.parameters import (
     declare,
     declare_choice,
     declare_override,

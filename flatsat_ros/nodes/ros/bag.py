@@ -12,7 +12,7 @@ import numpy as np
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.identification.recording import Recording
-from flatsat_ros.nodes import messages
+from flatsat_ros.nodes.ros import messages
 
 _KIND = "geometry_msgs/msg/PoseStamped"
 
