@@ -44,7 +44,8 @@ ROOMS = {
     "sim": _room("base law certificate flight crazyflie core", libraries="numpy"),
     "falsification": _room("base law certificate synthesis sim", libraries="numpy tqdm"),
     "nodes": _room("base law certificate flight crazyflie core identification sim", libraries=None),
-    "cli": _room("base law certificate flight crazyflie core synthesis planning sim falsification nodes", libraries="numpy scipy matplotlib rosbags tqdm"),
+    "demo": _room("base law certificate flight crazyflie synthesis planning sim nodes", libraries="numpy matplotlib tqdm"),
+    "cli": _room("base law certificate flight crazyflie core synthesis planning sim falsification demo nodes", libraries="numpy scipy matplotlib rosbags tqdm"),
 }
 
 

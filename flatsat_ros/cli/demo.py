@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.cli import demo_record
-from flatsat_ros.cli.demo_scenario import DISTURBANCE_MAX, LEG_TIME, plan
+from flatsat_ros.demo import record as demo_record
+from flatsat_ros.demo.scenario import DISTURBANCE_MAX, LEG_TIME, plan
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -57,18 +57,18 @@ def _run(arguments: argparse.Namespace) -> int:
         DISTURBANCE_MAX if arguments.offset_free else 0.0,
     )
     if arguments.headless:
-        from flatsat_ros.cli import demo_headless
+        from flatsat_ros.demo import headless as demo_headless
 
         record = demo_headless.fly(scenario)
     else:
-        from flatsat_ros.cli import demo_live
+        from flatsat_ros.demo import live as demo_live
 
         record = demo_live.fly(scenario, arguments.output)
     summary = record.summary()
     text = json.dumps(summary, indent=2) + "\n"
     (arguments.output / "summary.json").write_text(text, encoding="utf-8")
     print(demo_record.table(summary, record.limits))
-    from flatsat_ros.cli import demo_pictures
+    from flatsat_ros.demo import pictures as demo_pictures
 
     written = [arguments.output / "summary.json", *demo_pictures.draw(record, arguments.output)]
     if not arguments.headless:

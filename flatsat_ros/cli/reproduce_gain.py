@@ -15,9 +15,9 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.sampled_loop import Timing
-from flatsat_ros.cli.demo_scenario import POSE_NOISE, VEHICLE
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.crazyflie.wire import WireSetpoint
+from flatsat_ros.demo.scenario import POSE_NOISE, VEHICLE
 from flatsat_ros.flight.pilot import Pilot, Tick
 from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Policy

@@ -18,8 +18,10 @@ from rosbags.highlevel import AnyReader
 from tqdm import tqdm
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.cli import demo, demo_live, demo_record
-from flatsat_ros.cli.demo_record import FlightRecord, RobotRecord
+from flatsat_ros.cli import demo
+from flatsat_ros.demo import live as demo_live
+from flatsat_ros.demo import record as demo_record
+from flatsat_ros.demo.record import FlightRecord, RobotRecord
 from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS

@@ -17,8 +17,9 @@ from tqdm import tqdm
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
-from flatsat_ros.cli.demo_record import FlightRecord, RobotRecord
-from flatsat_ros.cli.demo_scenario import (
+from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.demo.record import FlightRecord, RobotRecord
+from flatsat_ros.demo.scenario import (
     BAR,
     CLIMB_TIME,
     GAMMA_0,
@@ -33,7 +34,6 @@ from flatsat_ros.cli.demo_scenario import (
     Scenario,
     record_of,
 )  # fmt: skip
-from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.flight.supervisor import Mode
 
 if TYPE_CHECKING:

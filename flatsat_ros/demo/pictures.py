@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from flatsat_ros.cli.demo_record import FlightRecord
+from flatsat_ros.demo.record import FlightRecord
 from flatsat_ros.flight.supervisor import Mode
 
 _LIMIT = {"color": "0.3", "linestyle": "--", "linewidth": 1.0}

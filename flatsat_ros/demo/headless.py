@@ -7,8 +7,10 @@ from tqdm import tqdm
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.resources import config_path
-from flatsat_ros.cli.demo_record import FlightRecord, RobotRecord
-from flatsat_ros.cli.demo_scenario import (
+from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.wire import WireSetpoint, input_from_setpoint
+from flatsat_ros.demo.record import FlightRecord, RobotRecord
+from flatsat_ros.demo.scenario import (
     BAR,
     CLIMB_TIME,
     GAMMA_0,
@@ -23,8 +25,6 @@ from flatsat_ros.cli.demo_scenario import (
     Scenario,
     record_of,
 )  # fmt: skip
-from flatsat_ros.crazyflie.vehicle import VehicleProfile
-from flatsat_ros.crazyflie.wire import WireSetpoint, input_from_setpoint
 from flatsat_ros.flight import telemetry
 from flatsat_ros.flight.pilot import Pilot, Tick
 from flatsat_ros.flight.reference import Trajectory

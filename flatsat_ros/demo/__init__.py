@@ -1,0 +1,1 @@
+"""Three drones take off, swap places and land: the choreography, its flights, their records and pictures."""
