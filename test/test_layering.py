@@ -37,15 +37,15 @@ ROOMS = {
     "certificate": _room("base law", libraries="numpy yaml"),
     "flight": _room("base law certificate", libraries="numpy"),
     "crazyflie": _room("base", libraries="numpy yaml"),
-    "core": _room("base law certificate flight crazyflie", libraries="numpy yaml"),
     "planning": _room("base law certificate flight", libraries="numpy scipy"),
-    "synthesis": _room("base law certificate core planning flight", libraries="numpy scipy clarabel cvxpy matplotlib tqdm"),
+    "synthesis": _room("base law certificate planning flight", libraries="numpy scipy clarabel cvxpy matplotlib tqdm"),
     "identification": _room("base flight", libraries="numpy"),
-    "sim": _room("base law certificate flight crazyflie core", libraries="numpy"),
+    "sim": _room("base law certificate flight crazyflie", libraries="numpy"),
     "falsification": _room("base law certificate synthesis sim", libraries="numpy tqdm"),
-    "nodes": _room("base law certificate flight crazyflie core identification sim", libraries=None),
+    "nodes": _room("base law certificate flight crazyflie identification sim", libraries=None),
     "demo": _room("base law certificate flight crazyflie synthesis planning sim nodes", libraries="numpy matplotlib tqdm"),
-    "cli": _room("base law certificate flight crazyflie core synthesis planning sim falsification demo nodes", libraries="numpy scipy matplotlib rosbags tqdm"),
+    "paper": _room("base law certificate flight crazyflie synthesis planning sim falsification demo", libraries="numpy matplotlib tqdm"),
+    "cli": _room("base law certificate flight crazyflie synthesis planning sim falsification demo paper nodes", libraries="numpy scipy matplotlib rosbags tqdm"),
 }
 
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.cli.reproduce_table import Table
+from flatsat_ros.paper.table import Table
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -40,8 +40,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _reproduce(folder: Path) -> list[Path]:
     # solver and pictures take seconds to import: not for --help
-    from flatsat_ros.cli import reproduce_claims, reproduce_numbers, reproduce_pictures
-    from flatsat_ros.cli.reproduce_runs import run_all
+    from flatsat_ros.paper import claims as reproduce_claims
+    from flatsat_ros.paper import numbers as reproduce_numbers
+    from flatsat_ros.paper import pictures as reproduce_pictures
+    from flatsat_ros.paper.runs import run_all
 
     runs, table = run_all(folder), Table()
     reproduce_numbers.controller_parameters(table, runs.simulation)

@@ -13,9 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.cli import reproduce, reproduce_runs
-from flatsat_ros.cli.reproduce_gain import run_gain_laws
-from flatsat_ros.cli.reproduce_runs import (
+from flatsat_ros.cli import reproduce
+from flatsat_ros.paper import runs as reproduce_runs
+from flatsat_ros.paper.gain_laws import run_gain_laws
+from flatsat_ros.paper.runs import (
     TEST_1_TIMING,
     V_INF,
     run_campaign,
@@ -23,7 +24,7 @@ from flatsat_ros.cli.reproduce_runs import (
     run_study_2,
     run_test_1,
 )
-from flatsat_ros.cli.reproduce_table import VERDICTS, Table, compare
+from flatsat_ros.paper.table import VERDICTS, Table, compare
 from flatsat_ros.synthesis.gain_cap import gain_cap
 from flatsat_ros.synthesis.nominal import synthesize_paper
 from flatsat_ros.synthesis.robust_design import synthesize_paper_robust

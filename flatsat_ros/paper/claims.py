@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flatsat_ros.certificate.gain_bounds import continuous_gain_bound, settling_time_bound
-from flatsat_ros.cli.reproduce_numbers import INPUT
-from flatsat_ros.cli.reproduce_runs import (
+from flatsat_ros.demo import scenario as demo_scenario
+from flatsat_ros.demo.record import PAPER_RMS, RMS_LIMIT
+from flatsat_ros.paper.numbers import INPUT
+from flatsat_ros.paper.runs import (
     ADAPTATION_RATES,
     CAMPAIGN_RUNS,
     GAMMA_0,
@@ -19,11 +21,9 @@ from flatsat_ros.cli.reproduce_runs import (
     V_INF,
     Runs,
 )
-from flatsat_ros.cli.reproduce_studies import History
-from flatsat_ros.cli.reproduce_table import Table
-from flatsat_ros.core.tracking import hull_factor, inner_polytope
-from flatsat_ros.demo import scenario as demo_scenario
-from flatsat_ros.demo.record import PAPER_RMS, RMS_LIMIT
+from flatsat_ros.paper.studies import History
+from flatsat_ros.paper.table import Table
+from flatsat_ros.paper.tracking import hull_factor, inner_polytope
 
 # how far above 1 the rounding of an integration may leave V
 _ROUNDING = 1e-9

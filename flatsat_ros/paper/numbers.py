@@ -12,7 +12,8 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.gain_bounds import settling_time_bound
 from flatsat_ros.certificate.lyapunov import decay_residual
 from flatsat_ros.certificate.robust import robust_residual
-from flatsat_ros.cli.reproduce_runs import (
+from flatsat_ros.law.input_set import InputSet
+from flatsat_ros.paper.runs import (
     ADAPTATION_RATES,
     GAMMA_0,
     STUDY_1_START,
@@ -22,8 +23,7 @@ from flatsat_ros.cli.reproduce_runs import (
     V_INF,
     printed_disturbance,
 )
-from flatsat_ros.cli.reproduce_table import Table
-from flatsat_ros.law.input_set import InputSet
+from flatsat_ros.paper.table import Table
 from flatsat_ros.synthesis.robust_design import largest_box, rate_interval
 
 INPUT = "an input, taken as printed"

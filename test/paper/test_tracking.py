@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.core.tracking import ball_factor, hull_factor, inner_polytope
 from flatsat_ros.law.input_set import InputSet
+from flatsat_ros.paper.tracking import ball_factor, hull_factor, inner_polytope
 
 G = 9.81
 LIMITS = InputSet(1.45 * G, np.radians(10.0))

@@ -14,8 +14,13 @@ from tqdm import tqdm
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.sampled_loop import Timing
-from flatsat_ros.cli.reproduce_gain import GainRuns, run_gain_laws
-from flatsat_ros.cli.reproduce_studies import (
+from flatsat_ros.demo import headless as demo_headless
+from flatsat_ros.demo import scenario as demo_scenario
+from flatsat_ros.demo.record import FlightRecord
+from flatsat_ros.law.controller import Controller
+from flatsat_ros.law.gain import Tuning
+from flatsat_ros.paper.gain_laws import GainRuns, run_gain_laws
+from flatsat_ros.paper.studies import (
     History,
     advance,
     measure_steps,
@@ -24,11 +29,6 @@ from flatsat_ros.cli.reproduce_studies import (
     run_sampled,
     start_of,
 )
-from flatsat_ros.demo import headless as demo_headless
-from flatsat_ros.demo import scenario as demo_scenario
-from flatsat_ros.demo.record import FlightRecord
-from flatsat_ros.law.controller import Controller
-from flatsat_ros.law.gain import Tuning
 from flatsat_ros.synthesis.gain_cap import gain_cap
 from flatsat_ros.synthesis.nominal import synthesize_paper
 from flatsat_ros.synthesis.robust_design import synthesize_paper_robust

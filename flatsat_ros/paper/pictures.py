@@ -13,11 +13,11 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from flatsat_ros.certificate.gain_bounds import continuous_gain_bound
-from flatsat_ros.cli.reproduce_gain import draw_gain_laws
-from flatsat_ros.cli.reproduce_runs import ADAPTATION_RATES, GAMMA_0, TEST_1_TIMING, V_INF, Runs
-from flatsat_ros.cli.reproduce_studies import History
 from flatsat_ros.demo import pictures as demo_pictures
 from flatsat_ros.law.input_set import InputSet
+from flatsat_ros.paper.gain_laws import draw_gain_laws
+from flatsat_ros.paper.runs import ADAPTATION_RATES, GAMMA_0, TEST_1_TIMING, V_INF, Runs
+from flatsat_ros.paper.studies import History
 
 _LIMIT = {"color": "0.3", "linestyle": "--", "linewidth": 1.0}
 _INPUTS = (r"$T$ [m/s$^2$]", r"$\phi$ [deg]", r"$\theta$ [deg]")
