@@ -11,6 +11,7 @@ ARGS ?=
 
 PYTHON_NOBLE ?= $(firstword $(wildcard $(HOME)/.pyenv/versions/3.12*/bin/python) $(shell command -v python3.12))
 NOBLE := .venv-noble
+WITHOUT_ROS := $(addprefix test/,law certificate flight crazyflie synthesis identification sim falsification paper/test_errata.py paper/test_tracking.py)
 NOBLE_REQUIREMENTS := requirements/noble.txt
 NOBLE_SETUP := $(NOBLE)/.done
 
@@ -39,8 +40,8 @@ demo: build  ## three simulated drones swap places; ARGS="--seconds 10" and so o
 test: build  ## every test, on what was installed; ARGS="-k swap" and so on
 	$(SOURCED) $(BIN)/pytest --numprocesses auto --dist loadgroup $(ARGS)
 
-test-noble: $(NOBLE_SETUP)  ## core, synthesis and sim with the versions of Ubuntu 24.04
-	$(NOBLE)/bin/python -m pytest --numprocesses auto $(ARGS) test/core test/synthesis test/sim
+test-noble: $(NOBLE_SETUP)  ## the tests without ROS with the versions of Ubuntu 24.04
+	$(NOBLE)/bin/python -m pytest --numprocesses auto $(ARGS) $(WITHOUT_ROS)
 
 $(NOBLE_SETUP): $(NOBLE_REQUIREMENTS)
 	$(if $(PYTHON_NOBLE),,$(error test-noble needs Python 3.12: make test-noble PYTHON_NOBLE=/path/to/python3.12))
@@ -61,7 +62,7 @@ certificates: build  ## the paper's certificates in config/, computed again
 	$(SOURCED) $(EXECUTABLES)/synthesize --paper all --output-dir config --force
 	$(SOURCED) $(EXECUTABLES)/synthesize $(CF21) --output config/cf21_50hz.yaml --force
 
-lint: setup  ## ruff, and mypy --strict on core and synthesis
+lint: setup  ## ruff and mypy --strict
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 

@@ -10,7 +10,8 @@ in D. The smallest s with the state in s D is the gauge of V_c at the worse of (
 There v0 lies in s V_c, so the applied gain is at least kappa = min(1, 1/s); as long as V_h and V_v do not grow for that
 gain, s D is invariant too (the paper stops at kappa = 1).
 
-With a lag or a delay W takes the place of V: the same sets, of the state z = (p, v[, a], past commands) of `certificate.sampled_loop`.
+With a lag or a delay W takes the place of V: the same sets, of the state z = (p, v[, a], past commands) of
+`certificate.sampled_loop`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The command lines: argparse shells over `synthesis`, `sim` and `core`, with progress, tables and pictures.
+"""The command lines: argparse shells with arguments, progress and exit codes; what they compute stands in other rooms.
 
 Nothing imports them. They import no ROS themselves; the one that needs a node imports it where it is used.
 """

@@ -90,7 +90,7 @@ def _commands(scenario: Scenario) -> dict[str, list[str]]:
 
     commands = {
         "controller": node(
-            "controller",
+            "controller_node",
             {
                 "robot_names": f"[{','.join(scenario.robots)}]",
                 "certificate": str(scenario.certificate_path.resolve()),
