@@ -216,8 +216,9 @@ def _delayed(certificate: Certificate, P: Matrix, W: Matrix) -> Iterator[tuple[s
         times = 1 + Fraction(certificate.period) + Fraction(certificate.lag)
         delta = 10 * _TINY * times**2 * (1 + gain * largest[2])
         left = 3 * len(W) ** 3 * (largest[0] + 1) * delta * largest[1]
-        yield f"W falls at {name}", positive(
-            combined((1, W), (-1, product(transposed(M), W, M)), (-left, identity(len(W))))
+        yield (
+            f"W falls at {name}",
+            positive(combined((1, W), (-1, product(transposed(M), W, M)), (-left, identity(len(W))))),
         )
 
 
