@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
@@ -24,7 +25,7 @@ from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.sensor import MotionCapture, Sample
 
 # the paper's swap, at the rate and with the thrust that a lab flies
-LIMITS = InputSet(1.45 * 9.81, math.radians(10.0))
+LIMITS = InputSet(1.45 * GRAVITY, math.radians(10.0))
 RATE, PERIOD, MU, V_INF = 1.25, 0.02, 2.0, 0.05
 PLACES = np.array([[0.0, -0.6, 1.0], [0.6, 0.6, 1.0], [-0.6, 0.6, 1.0]])
 LEG, CLIMB, WATCHED = 4.0, 15.0, 0.5  # s: a leg of the swap, from the floor to its start, of the hover before it

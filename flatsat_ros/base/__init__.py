@@ -1,1 +1,1 @@
-"""What every room stands on: errors and checks, arrays, the files that the package ships. Numpy only."""
+"""What every room stands on: errors and checks, arrays, constants, the files that the package ships. Numpy only."""

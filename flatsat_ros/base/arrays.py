@@ -1,4 +1,4 @@
-"""Arrays of floats: their type, and the check that every public function makes of what it is given."""
+"""Arrays: their types, and the check that every public function makes of what it is given."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 from flatsat_ros.base.errors import FlatsatError
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
 
 
 def finite_array(name: str, value: ArrayLike, width: int | None = None) -> FloatArray:

@@ -18,6 +18,7 @@ from itertools import islice
 import numpy as np
 from tqdm import tqdm
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.sets import Place
@@ -159,14 +160,13 @@ def _pool(campaigns: Sequence[str]) -> Pool:
     from flatsat_ros.synthesis.nominal import synthesize  # cvxpy takes seconds to import
     from flatsat_ros.synthesis.robust_design import synthesize_robust
 
-    gravity = 9.81
-    limits = InputSet(1.45 * gravity, math.radians(10.0), gravity)
+    limits = InputSet(1.45 * GRAVITY, math.radians(10.0), GRAVITY)
     with tqdm(total=len(lags) + len(disturbed), desc="certificates", leave=False) as bar:
         for rate, period, lag, delay, lowest in lags:
             pool["lag"].append(synthesize(limits, rate, period, "lag", lag=lag, delay=delay, lowest=lowest))
             bar.update()
         for thrust, tilt, drift, push, period in disturbed:
-            limits = InputSet(thrust * gravity, math.radians(tilt), gravity)
+            limits = InputSet(thrust * GRAVITY, math.radians(tilt), GRAVITY)
             pool["robust"].append(synthesize_robust(limits, drift, push, period, "robust"))
             bar.update()
     return pool

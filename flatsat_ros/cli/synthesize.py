@@ -13,6 +13,7 @@ from typing import NoReturn
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import Certificate
@@ -20,8 +21,6 @@ from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis.report import margins, table
-
-_GRAVITY = 9.81
 
 # what is taken when the user does not say otherwise: the paper's experiment
 _TILT_MAX_DEG = 10.0
@@ -74,7 +73,7 @@ def _parser() -> argparse.ArgumentParser:
     own.add_argument("--name", help="name of the certificate (default: the output file's)")
     thrust = own.add_mutually_exclusive_group()
     thrust.add_argument("--thrust-max", type=float, metavar="M_S2", help="T_max, m/s^2, normalised by the mass")
-    thrust.add_argument("--thrust-max-g", type=float, metavar="G", help="T_max as a multiple of g = 9.81 m/s^2")
+    thrust.add_argument("--thrust-max-g", type=float, metavar="G", help=f"T_max as a multiple of g = {GRAVITY} m/s^2")
     own.add_argument("--tilt-max-deg", type=float, metavar="DEG", help=f"eps_max (default: {_TILT_MAX_DEG})")
     own.add_argument("--period", type=float, metavar="S", help=f"sampling period h (default: {_PERIOD})")
     own.add_argument("--lag", type=float, metavar="S", help="lag tau of the acceleration (default: vehicle's, or 0)")
@@ -212,7 +211,7 @@ def _limits(arguments: argparse.Namespace, vehicle: VehicleProfile | None) -> tu
     """Return the input set that the arguments ask for, and how they ask for it."""
     inputs = {} if vehicle is None else {"vehicle": vehicle.name}
     if arguments.thrust_max_g is not None:
-        thrust, inputs["thrust_max"] = arguments.thrust_max_g * _GRAVITY, f"{arguments.thrust_max_g} g"
+        thrust, inputs["thrust_max"] = arguments.thrust_max_g * GRAVITY, f"{arguments.thrust_max_g} g"
     elif arguments.thrust_max is not None:
         thrust, inputs["thrust_max"] = arguments.thrust_max, f"{arguments.thrust_max} m/s^2"
     elif vehicle is not None:
@@ -221,11 +220,11 @@ def _limits(arguments: argparse.Namespace, vehicle: VehicleProfile | None) -> tu
         raise FlatsatError("no thrust limit: give --thrust-max, --thrust-max-g or --vehicle")
     tilt = _TILT_MAX_DEG if arguments.tilt_max_deg is None else arguments.tilt_max_deg
     inputs["tilt_max"] = f"{tilt} deg"
-    limits = InputSet(thrust, math.radians(tilt), _GRAVITY)
+    limits = InputSet(thrust, math.radians(tilt), GRAVITY)
     if vehicle is not None and thrust > vehicle.thrust_max:
         raise FlatsatError(
-            f"thrust_max = {thrust:.6g} m/s^2 ({thrust / _GRAVITY:.4g} g) is more than {vehicle.name} lifts: must be "
-            f"at most {vehicle.thrust_max:.6g} m/s^2 ({vehicle.thrust_max / _GRAVITY:.4g} g)"
+            f"thrust_max = {thrust:.6g} m/s^2 ({thrust / GRAVITY:.4g} g) is more than {vehicle.name} lifts: must be "
+            f"at most {vehicle.thrust_max:.6g} m/s^2 ({vehicle.thrust_max / GRAVITY:.4g} g)"
         )
     return limits, inputs
 

@@ -19,6 +19,7 @@ import yaml
 from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError, require
 
 T = TypeVar("T")
@@ -180,7 +181,7 @@ class VehicleProfile:
     def __post_init__(self) -> None:
         _positive(self, "mass", "force_max", "pwm_max")
         require(self.pwm_max <= PWM_FULL, "pwm_max", self.pwm_max, f"at most {PWM_FULL}")
-        heaviest = self.mass * self.thrust_max / 9.81
+        heaviest = self.mass * self.thrust_max / GRAVITY
         require(self.mass < heaviest, "mass", self.mass, f"below {heaviest:.4g} kg, which is all that the motors lift")
 
     @classmethod

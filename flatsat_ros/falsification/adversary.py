@@ -10,6 +10,7 @@ from enum import IntEnum
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
 from flatsat_ros.law.gain import Tuning
@@ -23,10 +24,9 @@ _LONGEST_RUN = 20  # periods at one gain when two gains alternate
 
 def limits(random: np.random.Generator) -> InputSet:
     """Draw limits: tilt from 2 to 75 degrees, thrust from 1.03 g to 3 g, half of them with a least thrust."""
-    gravity = 9.81
-    thrust = gravity * (1.0 + 10.0 ** random.uniform(-1.5, 0.3))
-    least = gravity * random.uniform(0.0, 0.8) * random.integers(2)
-    return InputSet(thrust, math.radians(2.0 * 37.5 ** random.random()), gravity, float(least))
+    thrust = GRAVITY * (1.0 + 10.0 ** random.uniform(-1.5, 0.3))
+    least = GRAVITY * random.uniform(0.0, 0.8) * random.integers(2)
+    return InputSet(thrust, math.radians(2.0 * 37.5 ** random.random()), GRAVITY, float(least))
 
 
 def certificate(random: np.random.Generator) -> Certificate:

@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.constants import GRAVITY
 
 # Below this fraction of gravity the direction of v + g e3 is rounding noise: the thrust is defined as zero and level.
 _SINGULAR_THRUST = 1e-12
 
 
-def input_from_acceleration(v: ArrayLike, yaw: ArrayLike, gravity: float = 9.81) -> FloatArray:
+def input_from_acceleration(v: ArrayLike, yaw: ArrayLike, gravity: float = GRAVITY) -> FloatArray:
     """Return the input that produces an acceleration: u = Phi(v).
 
     Args:
@@ -61,7 +62,7 @@ def _input_from_finite(v: FloatArray, yaw: FloatArray, gravity: float) -> FloatA
     return u
 
 
-def acceleration_from_input(u: ArrayLike, yaw: ArrayLike, gravity: float = 9.81) -> FloatArray:
+def acceleration_from_input(u: ArrayLike, yaw: ArrayLike, gravity: float = GRAVITY) -> FloatArray:
     """Return the acceleration that an input produces: v = R_psi f(u) - g e3.
 
     Args:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.arrays import BoolArray, FloatArray, finite_array
 from flatsat_ros.base.errors import FlatsatError
 
 
@@ -33,7 +32,7 @@ class Tuning:
     gain_initial: FloatArray
     gain_max: FloatArray
     leak: FloatArray = field(default_factory=lambda: np.zeros(1))
-    restart: NDArray[np.bool_] = field(default_factory=lambda: np.ones(1, dtype=bool))
+    restart: BoolArray = field(default_factory=lambda: np.ones(1, dtype=bool))
 
     def __post_init__(self) -> None:
         names = [entry.name for entry in fields(self)]

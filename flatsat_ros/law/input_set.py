@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 
 # How far outside V_c, relative to the limits, a base point may lie by rounding alone.
@@ -41,7 +42,7 @@ class InputSet:
 
     thrust_max: float
     tilt_max: float
-    gravity: float = 9.81
+    gravity: float = GRAVITY
     thrust_min: float = 0.0
 
     def __post_init__(self) -> None:

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 from tqdm import tqdm
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
@@ -38,7 +39,7 @@ class CalibrateHover(Node):  # type: ignore[misc]
         output = declare(self, "output", "", "profile to write: path of a YAML file that does not exist yet")
         self._output = Path(output).expanduser()
         self._seconds = declare(self, "seconds", 10.0, "how long to measure", unit="s", bounds=(2.0, 600.0))
-        self._gravity = declare(self, "gravity", 9.81, "as in the certificate", unit="m/s^2", bounds=(0.1, 100.0))
+        self._gravity = declare(self, "gravity", GRAVITY, "as in the certificate", unit="m/s^2", bounds=(0.1, 100.0))
         if not output:
             raise FlatsatError("parameter output is empty: must be the path of a YAML file")
         if self._output.exists():

@@ -20,6 +20,7 @@ from geometry_msgs.msg import PoseStamped, Twist
 from rclpy.node import Node
 from std_srvs.srv import Empty
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot
 from flatsat_ros.crazyflie.link import Address, Farewell, Lane, sendable
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
 
 _DIAGNOSTICS_PERIOD = 1.0  # s
 _PATIENCE = 0.05  # s
-_GRAVITY = 9.81  # m/s^2
 # supervisor.c: bits of supervisor.info that end a flight
 _TUMBLED, _LOCKED, _CRASHED = 1 << 5, 1 << 6, 1 << 7
 _EXTERNAL = ("none", "position", "pose")
@@ -113,7 +113,7 @@ class CflibBridge(Node):  # type: ignore[misc]
         end = declare_choice(self, "on_shutdown", _ENDS, "how drones that were flown are left")
         time = declare(self, "land_time", 3.0, "level descent before the motors stop", unit="s", bounds=(0.1, 60.0))
         descent, is_angle = time if end == "land" else 0.0, declare_yaw_mode(self) == "angle"
-        sinking = Policy.level_thrust * _GRAVITY
+        sinking = Policy.level_thrust * GRAVITY
         return {
             robot: Farewell(descent, float(vehicle.pwm_from_thrust(sinking)), is_angle)
             for robot, vehicle in self._vehicles.items()

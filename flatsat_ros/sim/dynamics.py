@@ -10,17 +10,14 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import require
 from flatsat_ros.crazyflie.vehicle import AttitudeResponse, Dynamics
 from flatsat_ros.law.flatness import acceleration_from_input
 
-BoolArray = NDArray[np.bool_]
-
 STEP = 0.002  # s: 500 Hz, the rate of the firmware's attitude loop
-GRAVITY = 9.81  # m/s^2
 # rad/s^2: an axis nobody controls, two pairs of motors 2 % apart at hover (0.002 N at 0.06 m on 1.7e-5 kg m^2)
 UNBALANCE = 7.0
 STANDING = 0.5  # cosine of the largest tilt that the legs catch at touch-down, 60 degrees

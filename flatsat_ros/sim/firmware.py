@@ -14,15 +14,11 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flatsat_ros.base.arrays import BoolArray, FloatArray, IntArray
 from flatsat_ros.base.errors import require
 from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile
 from flatsat_ros.sim.high_level import HighLevelCommander, PositionController
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 SUPERVISOR_PERIOD = 40  # ms; stabilizer_types.h RATE_SUPERVISOR, 25 Hz
 THRUST_MIN = 1000  # PWM; crtp_commander_rpyt.c MIN_THRUST

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import require
 from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile
-from flatsat_ros.sim.dynamics import GRAVITY, STEP, Bodies, Ideal, Identified, Response, Wind
+from flatsat_ros.sim.dynamics import STEP, Bodies, Ideal, Identified, Response, Wind
 from flatsat_ros.sim.firmware import SUPERVISOR_PERIOD, Firmware
 from flatsat_ros.sim.high_level import HIGH_LEVEL_PERIOD
 from flatsat_ros.sim.power import Battery, IdealPowerTrain, PowerTrain

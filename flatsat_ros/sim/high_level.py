@@ -15,12 +15,10 @@ import math
 
 import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from flatsat_ros.sim.dynamics import GRAVITY
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from flatsat_ros.base.arrays import BoolArray, FloatArray
+from flatsat_ros.base.constants import GRAVITY
 
 HIGH_LEVEL_PERIOD = 10  # ms; stabilizer_types.h RATE_HL_COMMANDER and POSITION_RATE, 100 Hz
 SHORTEST = 1e-3  # s: on board a duration of 0 is a jump to the goal at once, here one within a period

@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import BoolArray, FloatArray
 from flatsat_ros.base.errors import require
 from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile
 from flatsat_ros.sim.dynamics import STEP
-
-BoolArray = NDArray[np.bool_]
 
 # the firmware low-passes the battery voltage with 0.01 per millisecond (stabilizer.c, batteryCompensation)
 _SUPPLY_FILTER = 1.0 - 0.99 ** (STEP / 0.001)

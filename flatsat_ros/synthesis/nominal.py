@@ -17,6 +17,7 @@ import numpy as np
 
 import flatsat_ros
 from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError, require_positive
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
@@ -137,9 +138,9 @@ def synthesize(
 
 def synthesize_paper(name: str) -> Certificate:
     """Compute a certificate of the paper: `paper_simulation` or `paper_experiment`."""
-    case, gravity = PAPER[name], 9.81
+    case = PAPER[name]
     inputs = {"thrust_max": "1.45 g", "tilt_max": "10 deg", "source": case.source}
-    return synthesize(InputSet(1.45 * gravity, math.radians(10.0), gravity), case.rate, 0.1, name, inputs)
+    return synthesize(InputSet(1.45 * GRAVITY, math.radians(10.0), GRAVITY), case.rate, 0.1, name, inputs)
 
 
 def _cross_check(block: FloatArray, rate: float, ball: float) -> dict[str, Any]:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lyapunov import closed_form_block, decay_rate
 from flatsat_ros.certificate.sets import Sets
@@ -18,7 +19,7 @@ SMALL_CAP = 1.5
 
 def paper_sets() -> Sets:
     """Return the sets of the paper's Table I, in continuous time."""
-    limits, rate = InputSet(1.45 * 9.81, math.radians(10.0)), 1.2
+    limits, rate = InputSet(1.45 * GRAVITY, math.radians(10.0)), 1.2
     block = closed_form_block(rate)
     return Sets(limits, block, block, rate, rate, limits.inner_radius**2 / rate, 0.5)
 

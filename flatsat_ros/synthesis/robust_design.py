@@ -22,6 +22,7 @@ from scipy.optimize import minimize_scalar
 
 import flatsat_ros
 from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lyapunov import largest_relative_eigenvalue
@@ -115,7 +116,6 @@ def synthesize_robust(
 
 def synthesize_paper_robust() -> Certificate:
     """Compute the certificate of the paper's robustness study (its Table II)."""
-    gravity = 9.81
     inputs = {
         "thrust_max": "2 g",
         "tilt_max": "40 deg",
@@ -123,7 +123,7 @@ def synthesize_paper_robust() -> Certificate:
         "source": "arXiv 2308.15177, robustness study, Table II; the paper simulates in continuous time, the period is "
         "ours",
     }
-    limits = InputSet(2.0 * gravity, math.radians(40.0), gravity)
+    limits = InputSet(2.0 * GRAVITY, math.radians(40.0), GRAVITY)
     return synthesize_robust(limits, (math.sqrt(2.0), 0.0), (0.0, 0.0), PAPER_PERIOD, "paper_robust", inputs)
 
 

@@ -15,6 +15,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
@@ -23,7 +24,7 @@ from flatsat_ros.law.input_set import InputSet
 
 def make(thrust: float = 1.45, tilt: float = math.pi / 18, rate: float = 1.25, period: float = 0.1) -> Certificate:
     """The closed form, as synthesis fills it in."""
-    limits = InputSet(thrust * 9.81, tilt)
+    limits = InputSet(thrust * GRAVITY, tilt)
     ball = limits.inner_radius**2
     provenance = {"source": "a test: with a colon", "residuals": {"Q": 1.0e-8}}
     return Certificate(
@@ -91,8 +92,8 @@ def test_p_acts_on_the_stacked_state() -> None:
         ({"block": [[0.0, 0.0], [0.0, 1.0]]}, "P is positive definite"),
         ({"rate": 1.2501}, "A'P + P A - 2 P B B'P + alpha P <= 0"),
         ({"ball": VALID.ball * 1.0001}, "the ball |v|^2 <= rho lies in the input set"),
-        ({"limits": InputSet(1.45 * 9.81, 0.1745)}, "the ball |v|^2 <= rho lies in the input set"),
-        ({"limits": InputSet(1.1 * 9.81, 0.2)}, "the ball |v|^2 <= rho lies in the input set"),
+        ({"limits": InputSet(1.45 * GRAVITY, 0.1745)}, "the ball |v|^2 <= rho lies in the input set"),
+        ({"limits": InputSet(1.1 * GRAVITY, 0.2)}, "the ball |v|^2 <= rho lies in the input set"),
         ({"level": VALID.level * 1.0001}, "V <= eps implies |B'P xi|^2 <= rho"),
         ({"gain_min": 1.01}, "gain_min <= 1"),
         ({"gain_max": 0.99}, "1 <= gain_max"),

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
@@ -19,13 +20,12 @@ from flatsat_ros.law.controller import Controller
 from flatsat_ros.law.gain import Tuning, adapt
 from flatsat_ros.law.input_set import InputSet
 
-G = 9.81
 PERIOD = 0.1
 RATE = 1.25
 
 
 def certificate() -> Certificate:
-    limits = InputSet(1.45 * G, np.radians(10.0))
+    limits = InputSet(1.45 * GRAVITY, np.radians(10.0))
     low, high = hold_gain_interval(RATE, PERIOD)
     ball = limits.inner_radius**2
     return Certificate("test", limits, RATE, closed_form_block(RATE), ball, ball / RATE, PERIOD, low, high)

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
 from flatsat_ros.law.controller import Controller, Memory
@@ -18,7 +19,7 @@ from flatsat_ros.law.gain import Tuning
 from flatsat_ros.law.input_set import InputSet
 
 ROOT = Path(__file__).parents[2]
-LIMITS = InputSet(1.45 * 9.81, math.radians(10.0))
+LIMITS = InputSet(1.45 * GRAVITY, math.radians(10.0))
 RATE, THRESHOLD = 1.25, 0.05
 RADIUS = LIMITS.inner_radius
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval, hold_transition
 from flatsat_ros.certificate.sets import Place, Sets
@@ -16,7 +17,7 @@ from flatsat_ros.law.input_set import InputSet
 
 seeds = st.integers(0, 2**32 - 1)
 loops = st.builds(
-    lambda thrust, tilt, floor, rate: make(rate, InputSet(thrust * 9.81, tilt, thrust_min=floor * 9.81)),
+    lambda thrust, tilt, floor, rate: make(rate, InputSet(thrust * GRAVITY, tilt, thrust_min=floor * GRAVITY)),
     thrust=st.floats(1.01, 3.0),
     tilt=st.floats(0.02, 1.5),
     floor=st.floats(0.0, 0.9),
@@ -30,7 +31,7 @@ def make(rate: float, limits: InputSet, period: float = 0.1) -> Sets:
     return Sets(limits, block, block, rate, rate, limits.inner_radius**2 / rate, hold_gain_interval(rate, period)[0])
 
 
-PAPER = InputSet(1.45 * 9.81, math.radians(10.0))
+PAPER = InputSet(1.45 * GRAVITY, math.radians(10.0))
 TABLE, EXPERIMENT = make(1.2, PAPER), make(1.25, PAPER)
 
 
@@ -97,7 +98,7 @@ def test_e_lies_in_d_and_touches_it(sets: Sets, seed: int) -> None:
 def test_volumes_agree_with_counting(sets: Sets, seed: int) -> None:
     # V_h and V_v of uniform points in { V_h <= H } x { V_v <= T } have densities 2 V_h / H^2 and 1 / T
     random, count = np.random.default_rng(seed), 200_000
-    top = min(9.81 - sets.limits.thrust_min, sets.limits.thrust_max - 9.81)
+    top = min(GRAVITY - sets.limits.thrust_min, sets.limits.thrust_max - GRAVITY)
     wide = float(sets.width(np.linspace(0.0, top, 1001)).max()) ** 2 / sets.slope_horizontal
     tall = top**2 / sets.slope_vertical
     inside = sets._scale(wide * np.sqrt(random.random(count)), tall * random.random(count)) <= 1.0
@@ -146,9 +147,9 @@ def test_every_place_is_found_and_what_is_not_finite_is_outside() -> None:
 
 def test_a_disturbance_lifts_the_lower_part_first() -> None:
     # V_v at the edge of D and V_h = 0: without disturbance fine; one that lifts V_h pushes the state out of D
-    limits = InputSet(2.0 * 9.81, math.radians(40.0))
+    limits = InputSet(2.0 * GRAVITY, math.radians(40.0))
     block = closed_form_block(1.0)
-    state = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.95 * 9.81]])
+    state = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.95 * GRAVITY]])
     calm = Sets(limits, block, block, 1.0, 1.0, limits.inner_radius**2, 1.0)
     windy = Sets(limits, block, block, 1.0, 1.0, limits.inner_radius**2, 1.0, floor=1.0)
     assert calm.classify(state).place[0] == windy.classify(state).place[0] == Place.LARGER

@@ -17,6 +17,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 from tqdm import tqdm
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.cli import demo
 from flatsat_ros.demo import live as demo_live
@@ -55,7 +56,7 @@ def test_the_headless_swap_keeps_the_promises_and_writes_everything(
     assert [robot["rms_paper_m"] for robot in robots.values()] == [0.0703, 0.0826, 0.0602]
     assert all(0.0 < robot["rms_m"] < 0.10 for robot in robots.values())
     assert all(robot["landed"] for robot in robots.values())
-    assert all(9.81 < robot["thrust_max"] <= 1.45 * 9.81 for robot in robots.values())
+    assert all(GRAVITY < robot["thrust_max"] <= 1.45 * GRAVITY for robot in robots.values())
     assert (summary["violations"], summary["dynamics"], summary["rate_hz"], summary["seconds"]) == (
         0, "identified", 10.0, 12.0,
     )  # fmt: skip

@@ -8,6 +8,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 
@@ -30,7 +31,7 @@ def test_every_packaged_profile_loads_under_its_own_name(path: Path) -> None:
     [("cf21", 1.55), ("cf21_plus", 1.55), ("cf2x_2025", 1.45), ("thrust_kit", 2.07), ("brushless", 1.90)],
 )
 def test_thrust_to_weight_ratio_at_pwm_60000(name: str, ratio: float) -> None:
-    assert profile(name).thrust_max / 9.81 == pytest.approx(ratio, abs=0.006)
+    assert profile(name).thrust_max / GRAVITY == pytest.approx(ratio, abs=0.006)
 
 
 @pytest.mark.parametrize(("name", "hover"), [("cf21", 42593), ("cf2x_2025", 45432)])
@@ -38,7 +39,7 @@ def test_hover_pwm_of_a_drone_of_31_8_grams(name: str, hover: int, tmp_path: Pat
     document = yaml.safe_load((VEHICLES / f"{name}.yaml").read_text())
     path = tmp_path / "heavier.yaml"
     path.write_text(yaml.safe_dump(document | {"mass": 0.0318}))
-    assert VehicleProfile.load(path).pwm_from_thrust(9.81) == pytest.approx(hover, abs=1.0)
+    assert VehicleProfile.load(path).pwm_from_thrust(GRAVITY) == pytest.approx(hover, abs=1.0)
 
 
 @given(st.lists(st.floats(0.0, 20.0), min_size=1))

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.crazyflie.wire import WireSetpoint, input_from_setpoint, setpoint_from_input
@@ -19,11 +20,11 @@ angles = st.floats(-1.5, 1.5)
 
 
 def test_hover_with_every_sign() -> None:
-    setpoint = setpoint_from_input(9.81, math.radians(5.0), math.radians(-3.0), math.radians(20.0), CF21)
+    setpoint = setpoint_from_input(GRAVITY, math.radians(5.0), math.radians(-3.0), math.radians(20.0), CF21)
     assert setpoint.roll == pytest.approx(5.0)
     assert setpoint.pitch == pytest.approx(-3.0)
     assert setpoint.yaw == pytest.approx(-20.0)
-    assert setpoint.thrust == pytest.approx(0.029 * 9.81 / 0.480 * 65535)
+    assert setpoint.thrust == pytest.approx(0.029 * GRAVITY / 0.480 * 65535)
     assert setpoint.thrust == pytest.approx(38841.8, abs=0.1)
 
 
@@ -45,7 +46,7 @@ def test_a_yaw_angle_keeps_its_sign_and_nothing_else_changes() -> None:
 def test_an_unknown_convention_is_refused_by_name(backend: str, yaw_mode: str) -> None:
     complaint = f"{backend}.*{yaw_mode}.*must be cpp or cflib, and rate or angle"
     with pytest.raises(FlatsatError, match=complaint):
-        setpoint_from_input(9.81, 0.0, 0.0, 0.0, CF21, backend, yaw_mode)
+        setpoint_from_input(GRAVITY, 0.0, 0.0, 0.0, CF21, backend, yaw_mode)
     with pytest.raises(FlatsatError, match=complaint):
         input_from_setpoint(WireSetpoint(0.0, 0.0, 0.0, 0.0), CF21, backend, yaw_mode)
 
@@ -58,7 +59,7 @@ def test_thrust_is_clipped_to_what_the_firmware_takes(thrust: float, pwm: float)
 @pytest.mark.parametrize("position", range(4))
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_what_is_not_finite_never_reaches_the_radio(position: int, bad: float) -> None:
-    values = [9.81, 0.0, 0.0, 0.0]
+    values = [GRAVITY, 0.0, 0.0, 0.0]
     values[position] = bad
     with pytest.raises(FlatsatError, match=f"{bad}.*must be finite"):
         setpoint_from_input(*values, CF21)

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.falsification import adversary
@@ -27,7 +28,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 @pytest.fixture(scope="module")
 def pool() -> Pool:
-    limits = InputSet(1.45 * 9.81, math.radians(10.0))
+    limits = InputSet(1.45 * GRAVITY, math.radians(10.0))
     lags = [(0.1, 0.1, 0.05, 1.0), (0.02, 0.08, 0.03, 0.7)]
     return {
         "lag": [synthesize(limits, 1.25, h, "lag", lag=tau, delay=d, lowest=least) for h, tau, d, least in lags],

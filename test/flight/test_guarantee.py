@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
 from flatsat_ros.certificate.sets import Place
@@ -17,7 +18,7 @@ from flatsat_ros.flight.supervisor import Mode, Policy
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.law.input_set import InputSet
 
-LIMITS = InputSet(1.45 * 9.81, np.radians(10.0))
+LIMITS = InputSet(1.45 * GRAVITY, np.radians(10.0))
 PERIOD, RATE = 0.1, 1.25
 LOW, HIGH = hold_gain_interval(RATE, PERIOD)
 BALL = LIMITS.inner_radius**2

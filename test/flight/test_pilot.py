@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.flight.pilot import Pilot, Tick
@@ -166,7 +167,7 @@ def test_lost_poses_level_then_cut_and_only_a_new_reference_flies_again() -> Non
     level = [tick for tick in ticks if tick.mode[0] == Mode.LEVEL]
     assert len(level) == 20
     for tick in level:
-        assert tick.input[0].tolist() == [0.95 * 9.81, 0.0, 0.0]
+        assert tick.input[0].tolist() == [0.95 * GRAVITY, 0.0, 0.0]
         assert tick.yaw_rate[0] == 0.0
     world.blind[:] = False
     assert modes(world.fly(2.0)) == [Mode.CUT]
@@ -225,7 +226,7 @@ def test_one_drone_in_trouble_does_not_disturb_the_others() -> None:
         np.testing.assert_allclose(a.input[0], b.input[0], rtol=1e-9, atol=1e-12)
         assert a.mode[0] == b.mode[0]
     assert both.pilot.mode.tolist() == [Mode.FLY, Mode.CUT]
-    np.testing.assert_array_equal(both.pilot.last_input(), [[0.95 * 9.81, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    np.testing.assert_array_equal(both.pilot.last_input(), [[0.95 * GRAVITY, 0.0, 0.0], [0.0, 0.0, 0.0]])
 
 
 @pytest.mark.parametrize(("start", "goal"), [(0.0, 1.0), (0.0, -1.0), (3.0, -3.0), (-3.0, 3.0)])

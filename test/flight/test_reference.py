@@ -10,11 +10,12 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.interpolate import BSpline, make_interp_spline
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.flight.reference import References, Trajectory, evaluate
 from flatsat_ros.law.input_set import InputSet
 
-LIMITS = InputSet(1.45 * 9.81, math.radians(10.0))
+LIMITS = InputSet(1.45 * GRAVITY, math.radians(10.0))
 
 vectors = st.tuples(*[st.floats(-2.0, 2.0)] * 3)
 points = st.lists(st.tuples(st.floats(0.2, 3.0), vectors, vectors, vectors), min_size=1, max_size=5)

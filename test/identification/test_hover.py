@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS
@@ -19,7 +20,7 @@ def hover(scale: float, tilt: float = 0.0, noise: float = 0.0, count: int = 200,
     rows[:, FIELDS.index("mode")] = Mode.FLY
     rows[:, FIELDS.index("phi")] = tilt
     rows[:, FIELDS.index("thrust_scale")] = estimated
-    thrust = 9.81 / scale * estimated / np.cos(tilt) + noise * np.random.default_rng(0).normal(size=count)
+    thrust = GRAVITY / scale * estimated / np.cos(tilt) + noise * np.random.default_rng(0).normal(size=count)
     rows[:, FIELDS.index("T")] = thrust
     return rows
 
@@ -28,12 +29,12 @@ def hover(scale: float, tilt: float = 0.0, noise: float = 0.0, count: int = 200,
 def test_the_scale_is_recovered_whatever_the_controller_has_estimated_already(
     scale: float, tilt: float, estimated: float
 ) -> None:
-    assert thrust_scale(hover(scale, tilt, estimated=estimated), 9.81)[0] == pytest.approx(scale, rel=1e-12)
+    assert thrust_scale(hover(scale, tilt, estimated=estimated), GRAVITY)[0] == pytest.approx(scale, rel=1e-12)
 
 
 def test_the_standard_error_covers_the_noise() -> None:
-    scale, error = thrust_scale(hover(0.95, noise=0.3, count=1000), 9.81)
-    assert error == pytest.approx(0.95**2 / 9.81 * 0.3 / np.sqrt(1000), rel=0.1)
+    scale, error = thrust_scale(hover(0.95, noise=0.3, count=1000), GRAVITY)
+    assert error == pytest.approx(0.95**2 / GRAVITY * 0.3 / np.sqrt(1000), rel=0.1)
     assert abs(scale - 0.95) < 4.0 * error
 
 
@@ -42,8 +43,8 @@ def test_what_is_no_hover_is_refused() -> None:
     moving[:, FIELDS.index("error_vx")] = 0.16
     landed[7, FIELDS.index("mode")] = Mode.REST
     with pytest.raises(FlatsatError, match=r"moved with 0\.160 m/s"):
-        thrust_scale(moving, 9.81)
+        thrust_scale(moving, GRAVITY)
     with pytest.raises(FlatsatError, match="did not fly all the time"):
-        thrust_scale(landed, 9.81)
+        thrust_scale(landed, GRAVITY)
     with pytest.raises(FlatsatError, match="must be"):
-        thrust_scale(hover(1.0, count=5), 9.81)
+        thrust_scale(hover(1.0, count=5), GRAVITY)

@@ -10,11 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.law.flatness import acceleration_from_input, input_from_acceleration
 from flatsat_ros.law.input_set import InputSet
-
-GRAVITY = 9.81
 
 Map = Callable[..., np.ndarray]
 

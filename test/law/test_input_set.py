@@ -13,10 +13,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.law.input_set import InputSet
 
-GRAVITY = 9.81
 PAPER = InputSet(1.45 * GRAVITY, math.radians(10.0))
 DIGITS = decimal.Context(prec=60, Emin=-100000, Emax=100000)
 
@@ -217,13 +217,13 @@ def test_what_is_not_finite_or_of_the_wrong_shape_is_refused(function: Callable[
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        ((9.81, 0.2), "thrust_max = 9.81 m/s.2 cannot hover"),
+        ((GRAVITY, 0.2), "thrust_max = 9.81 m/s.2 cannot hover"),
         ((14.0, 0.0), "tilt_max = 0 rad"),
         ((14.0, math.pi / 2), "tilt_max = 1.5708 rad .90 deg."),
         ((14.0, -0.1), "tilt_max"),
         ((14.0, 0.2, 0.0), "gravity"),
-        ((14.0, 0.2, 9.81, 9.81), "thrust_min"),
-        ((14.0, 0.2, 9.81, -1.0), "thrust_min"),
+        ((14.0, 0.2, GRAVITY, GRAVITY), "thrust_min"),
+        ((14.0, 0.2, GRAVITY, -1.0), "thrust_min"),
         ((math.nan, 0.2), "thrust_max"),
         ((math.inf, 0.2), "thrust_max"),
         ((14.0, "0.2"), "tilt_max = '0.2'"),

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
@@ -71,11 +72,11 @@ def test_a_stamp_keeps_its_nanoseconds(nanoseconds: int) -> None:
     ("u", "backend", "linear", "angular_z"),
     [
         # T m/s^2, phi, theta rad, yaw rate rad/s -> linear: pitch deg, roll deg, PWM; angular z: deg/s clockwise
-        ((9.81, math.pi / 18, 0.0, 0.0), "cpp", (0.0, 10.0, 38841.7753), 0.0),
-        ((9.81, 0.0, math.pi / 18, 0.0), "cpp", (10.0, 0.0, 38841.7753), 0.0),
-        ((9.81, 0.0, math.pi / 18, 0.0), "cflib", (-10.0, 0.0, 38841.7753), 0.0),
-        ((9.81, math.pi / 18, 0.0, 0.0), "cflib", (0.0, 10.0, 38841.7753), 0.0),
-        ((9.81, 0.0, 0.0, math.pi / 2), "cpp", (0.0, 0.0, 38841.7753), -90.0),
+        ((GRAVITY, math.pi / 18, 0.0, 0.0), "cpp", (0.0, 10.0, 38841.7753), 0.0),
+        ((GRAVITY, 0.0, math.pi / 18, 0.0), "cpp", (10.0, 0.0, 38841.7753), 0.0),
+        ((GRAVITY, 0.0, math.pi / 18, 0.0), "cflib", (-10.0, 0.0, 38841.7753), 0.0),
+        ((GRAVITY, math.pi / 18, 0.0, 0.0), "cflib", (0.0, 10.0, 38841.7753), 0.0),
+        ((GRAVITY, 0.0, 0.0, math.pi / 2), "cpp", (0.0, 0.0, 38841.7753), -90.0),
         ((0.0, 0.0, 0.0, 0.0), "cpp", (0.0, 0.0, 0.0), 0.0),
         ((30.0, 0.0, 0.0, 0.0), "cpp", (0.0, 0.0, 60000.0), 0.0),
     ],

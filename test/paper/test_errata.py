@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.gain_bounds import continuous_gain_bound, sampled_gain_bound, settling_time_bound
 from flatsat_ros.certificate.lyapunov import closed_form_block, decay_residual, hold_gain_interval
@@ -17,9 +18,8 @@ from flatsat_ros.law.controller import Controller, Memory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.law.input_set import InputSet
 
-G = 9.81
-LIMITS = InputSet(1.45 * G, math.radians(10.0), G)
-ROBUST_LIMITS = InputSet(2.0 * G, math.radians(40.0), G)
+LIMITS = InputSet(1.45 * GRAVITY, math.radians(10.0), GRAVITY)
+ROBUST_LIMITS = InputSet(2.0 * GRAVITY, math.radians(40.0), GRAVITY)
 PRINTED_P = np.array([[0.98, 0.78], [0.78, 1.25]])
 PRINTED_Q = np.array([[2.3148, -1.3889], [-1.3889, 1.6667]])
 PRINTED_QW = np.array([[2.29, -2.14], [-2.14, 2.07]])  # x and y
@@ -53,11 +53,11 @@ def on_boundary(matrix: np.ndarray, level: float, count: int) -> np.ndarray:
 def candidates(v: Vector) -> list[float]:
     """Eq. 10."""
     square, tangent = v[0] ** 2 + v[1] ** 2, math.tan(LIMITS.tilt_max)
-    a1, b1, c1 = square - v[2] ** 2 * tangent**2, -2.0 * tangent**2 * v[2] * G, -((tangent * G) ** 2)
-    a2, b2, c2 = square + v[2] ** 2, 2.0 * v[2] * G, G**2 - LIMITS.thrust_max**2
+    a1, b1, c1 = square - v[2] ** 2 * tangent**2, -2.0 * tangent**2 * v[2] * GRAVITY, -((tangent * GRAVITY) ** 2)
+    a2, b2, c2 = square + v[2] ** 2, 2.0 * v[2] * GRAVITY, GRAVITY**2 - LIMITS.thrust_max**2
     found = []
     if v[2] != 0.0:
-        found += [-G / v[2], (LIMITS.thrust_max * math.cos(LIMITS.tilt_max) - G) / v[2]]
+        found += [-GRAVITY / v[2], (LIMITS.thrust_max * math.cos(LIMITS.tilt_max) - GRAVITY) / v[2]]
     for a, b, c in ((a1, b1, c1), (a2, b2, c2)):
         if a != 0.0 and b * b >= 4.0 * a * c:
             found += [(-b + sign * math.sqrt(b * b - 4.0 * a * c)) / (2.0 * a) for sign in (1, -1)]

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.paper.tracking import ball_factor, hull_factor, inner_polytope
 
-G = 9.81
-LIMITS = InputSet(1.45 * G, np.radians(10.0))
+LIMITS = InputSet(1.45 * GRAVITY, np.radians(10.0))
 COORDINATE = st.floats(-100.0, 100.0).filter(lambda x: abs(x) > 1e-6)
 DIRECTION = st.tuples(COORDINATE, COORDINATE, COORDINATE).map(np.array)
 VERTICES = np.array([[0.5, 0.0, 0.3], [-0.4, 0.4, 0.0], [-0.3, -0.5, -0.4], [0.1, 0.1, 0.9]])
@@ -77,7 +77,7 @@ def test_the_polytope_fills_the_set_as_its_sides_grow() -> None:
 
 @given(v=DIRECTION, tilt=st.floats(0.05, 1.3), thrust=st.floats(1.2, 3.0), floor=st.floats(0.0, 0.8))
 def test_the_polytope_lies_inside_the_set(v: np.ndarray, tilt: float, thrust: float, floor: float) -> None:
-    limits = InputSet(thrust * G, tilt, G, floor * G)
+    limits = InputSet(thrust * GRAVITY, tilt, GRAVITY, floor * GRAVITY)
     assert limits.contains(inner_polytope(limits, 48).factor(v) * v, tolerance=1e-9)
 
 

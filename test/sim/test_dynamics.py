@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy import signal
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.vehicle import AttitudeResponse, Dynamics, VehicleProfile
 from flatsat_ros.law.flatness import acceleration_from_input
-from flatsat_ros.sim.dynamics import GRAVITY, STEP, Bodies, Ideal, Identified, Wind
+from flatsat_ros.sim.dynamics import STEP, Bodies, Ideal, Identified, Wind
 
 VEHICLES = Path(__file__).parents[2] / "config" / "vehicles"
 PROFILES = [VehicleProfile.load(path).dynamics for path in sorted(VEHICLES.glob("*.yaml"))]

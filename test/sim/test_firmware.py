@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
-from flatsat_ros.sim.dynamics import GRAVITY
 from flatsat_ros.sim.firmware import SUPERVISOR_PERIOD, TRANSITIONS, Firmware, State
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.power import Battery

@@ -9,10 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.law.flatness import acceleration_from_input, input_from_acceleration
-from flatsat_ros.sim.dynamics import GRAVITY, STEP, Wind
+from flatsat_ros.sim.dynamics import STEP, Wind
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.power import Battery
 from flatsat_ros.sim.sensor import MotionCapture

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
-from flatsat_ros.sim.dynamics import GRAVITY
 from flatsat_ros.sim.firmware import State
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.high_level import HIGH_LEVEL_PERIOD

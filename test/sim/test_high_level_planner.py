@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.polynomial.polynomial import polyder, polyval
 from numpy.testing import assert_allclose
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.sim.high_level import HIGH_LEVEL_PERIOD, HighLevelCommander, PositionController, polynomial
 
 
@@ -115,7 +116,7 @@ def test_a_turn_under_way_goes_on_slower_by_the_tilt() -> None:
     planner.go_to(0, (20.0, 0.0, 0.0), 1.0, 50.0, False, 500)
     slower = (look(planner, 501)[3] - now[3]) / (after[3] - before[3]) * 2.0
     assert acceleration > 5.0
-    assert slower == pytest.approx(9.81 / math.hypot(acceleration, 9.81), rel=0.01)
+    assert slower == pytest.approx(GRAVITY / math.hypot(acceleration, GRAVITY), rel=0.01)
 
 
 def test_a_blocked_planner_refuses_everything() -> None:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import yaml
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.sampled_loop import Timing
@@ -29,7 +30,7 @@ exact = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(exact)
 
 ROOT = Path(__file__).parents[2]
-LIMITS = InputSet(1.45 * 9.81, math.radians(10.0))
+LIMITS = InputSet(1.45 * GRAVITY, math.radians(10.0))
 SHIPPED = sorted(path.stem for path in (ROOT / "config").glob("*.yaml"))
 LAGGING = synthesize(LIMITS, 1.25, 0.1, "lagging", lag=0.1, delay=0.05)
 FAST = synthesize(LIMITS, 1.25, 0.02, "fast", lag=0.14, delay=0.03, lowest=0.8)

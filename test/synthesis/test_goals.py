@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.sampled_loop import Timing
@@ -17,8 +18,8 @@ from flatsat_ros.synthesis.goals import corners, rate_covering, robust_rate_cove
 from flatsat_ros.synthesis.nominal import synthesize
 from flatsat_ros.synthesis.robust_design import synthesize_robust
 
-LIMITS = InputSet(1.45 * 9.81, math.radians(10.0))
-STRONG = InputSet(2.0 * 9.81, math.radians(40.0))
+LIMITS = InputSet(1.45 * GRAVITY, math.radians(10.0))
+STRONG = InputSet(2.0 * GRAVITY, math.radians(40.0))
 
 magnitudes = st.lists(st.floats(0.05, 3.0), min_size=6, max_size=6)
 

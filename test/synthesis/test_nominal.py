@@ -13,13 +13,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lyapunov import closed_form_block
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis import nominal
 
-LIMITS = InputSet(1.45 * 9.81, math.radians(10.0))
+LIMITS = InputSet(1.45 * GRAVITY, math.radians(10.0))
 
 
 def leaves(document: Any, path: str = "") -> Iterator[tuple[str, Any]]:
@@ -42,7 +43,7 @@ def test_the_papers_figures_come_out(name: str, rate: float, level: float, gain_
     certificate = nominal.synthesize_paper(name)
     assert certificate.rate == rate
     assert certificate.period == 0.1
-    assert certificate.limits.thrust_max == pytest.approx(1.45 * 9.81, rel=1e-15)
+    assert certificate.limits.thrust_max == pytest.approx(1.45 * GRAVITY, rel=1e-15)
     assert certificate.limits.tilt_max == pytest.approx(math.pi / 18, rel=1e-15)
     assert certificate.ball == pytest.approx(2.901873, abs=5e-7)
     assert certificate.level == pytest.approx(level, abs=5e-7)
@@ -82,7 +83,7 @@ def test_the_shipped_certificates_are_what_synthesis_gives(name: str, root: Path
 def test_closed_form_and_solver_agree_for_any_vehicle_and_rate(
     thrust: float, tilt: float, rate: float, hold: float
 ) -> None:
-    limits = InputSet(thrust * 9.81, tilt)
+    limits = InputSet(thrust * GRAVITY, tilt)
     certificate = nominal.synthesize(limits, rate, hold / rate, "any")
     certificate.verify()
     assert max(certificate.provenance["cross_check"]["relative_difference_below"].values()) <= nominal.TOLERANCE

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.robust import gathered_disturbance, robust_residual
@@ -18,7 +19,7 @@ from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis import robust_design as robust
 from flatsat_ros.synthesis.robust_design import closed_form_blocks, largest_box, rate_interval, synthesize_robust
 
-LIMITS = InputSet(2.0 * 9.81, math.radians(40.0))
+LIMITS = InputSet(2.0 * GRAVITY, math.radians(40.0))
 DRIFT, PUSH, NONE = (0.5, 0.3), (0.4, 0.2), (0.0, 0.0)
 PAPER = robust.synthesize_paper_robust()
 MIXED = synthesize_robust(LIMITS, DRIFT, PUSH, 0.01, "mixed")
@@ -66,7 +67,7 @@ def test_the_identity_for_e_is_infeasible() -> None:
 def test_line_search_and_closed_form_agree(
     thrust: float, tilt: float, drift: tuple[float, float], share: float
 ) -> None:
-    limits = InputSet(thrust * 9.81, tilt)
+    limits = InputSet(thrust * GRAVITY, tilt)
     box = largest_box(limits)
     push = share * np.array([0.3, 0.3]) * box[0]
     try:
