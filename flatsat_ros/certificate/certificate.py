@@ -133,7 +133,7 @@ class Certificate:
         matrix = np.kron(sides, np.diag([1.0, 1.0, 0.0])) + np.kron(upright, np.diag([0.0, 0.0, 1.0]))
         return np.asarray(matrix, dtype=np.float64)
 
-    @property
+    @cached_property
     def timing(self) -> Timing:
         """Period, lag and delay."""
         return Timing(self.period, self.lag, self.delay)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -81,8 +82,9 @@ class Timing:
         rest = periods - whole
         return whole, rest * self.period if rest > _WHOLE else 0.0
 
+    @cached_property
     def transition(self) -> tuple[FloatArray, FloatArray]:
-        """Return F (n, n) and G (n, 1) with z+ = F z + G u, one axis, exact."""
+        """F (n, n) and G (n, 1) with z+ = F z + G u, one axis, exact; read-only."""
         whole, part = self._split()
         early, early_input = self._hold(part)
         late, late_input = self._hold(self.period - part)
@@ -97,6 +99,8 @@ class Timing:
         if size > body:
             columns[body:, : size - body] = np.eye(size - body)
         G, F[:, body:] = columns[:, :1], columns[:, 1:]
+        F.setflags(write=False)
+        G.setflags(write=False)
         return F, G
 
     def _hold(self, time: float) -> tuple[FloatArray, FloatArray]:
@@ -117,7 +121,7 @@ class Timing:
             block: P (2, 2).
             gain: applied gain k.
         """
-        F, G = self.transition()
+        F, G = self.transition
         return np.asarray(F - gain * G @ self.feedback(block))
 
     def feedback(self, block: FloatArray) -> FloatArray:
@@ -147,6 +151,6 @@ class Timing:
         Returns:
             (N, n - 2, 3); `numpy.concatenate([xi, rest.reshape(N, -1)], axis=1)` is what the sets take.
         """
-        F, G = self.transition()
+        F, G = self.transition
         rest, command = np.asarray(rest, dtype=np.float64), np.asarray(command, dtype=np.float64)
-        return np.asarray(np.einsum("ij,njk->nik", F[2:, 2:], rest) + G[2:] * command[:, np.newaxis])
+        return np.asarray(F[2:, 2:] @ rest + G[2:] * command[:, np.newaxis])

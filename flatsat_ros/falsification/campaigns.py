@@ -266,7 +266,7 @@ class _Continuous(_Loop):
 
 def _expand(timing: Timing) -> tuple[FloatArray, FloatArray]:
     """Return F' and G' of the three axes, for states that are rows."""
-    F, G = timing.transition()
+    F, G = timing.transition
     return np.asarray(np.kron(F, np.eye(3)).T), np.asarray(np.kron(G, np.eye(3)).T)
 
 

@@ -94,7 +94,7 @@ def _disturbed(certificate: Certificate) -> tuple[FloatArray, FloatArray]:
     """
     tuning = Tuning(MU, V_INF, 1.0, certificate.gain_max, [0.0, LEAK], False)
     law, drift = Controller(certificate, tuning), 2.0 * math.sqrt(V_INF / certificate.rate)
-    transition, drive = Timing(certificate.period).transition()
+    transition, drive = Timing(certificate.period).transition
     memory, state, gains = law.start(), np.zeros((2, 2, 3)), []
     times = certificate.period * np.arange(round(_DISTURBED_SECONDS / certificate.period))
     for _ in times:

@@ -117,7 +117,7 @@ def run_sampled(law: Controller, start: FloatArray, seconds: float, timing: Timi
         seconds: how long.
         timing: of the loop; its period is the law's.
     """
-    transition, drive = timing.transition()
+    transition, drive = timing.transition
     state = np.zeros((len(start), timing.size, 3))
     state[:, :2] = start.reshape(-1, 2, 3)
     memory, outputs = law.start(), []

@@ -192,7 +192,7 @@ def circle_limit(timing: Timing, block: FloatArray, lowest: float = 1.0) -> floa
                 f"the loop is unstable at gain {gain:g} already (spectral radius {radius:.4g}, must be below 1): "
                 "choose a smaller rate, or a shorter period, lag or delay"
             )
-    step, (_, G) = timing.closed_loop(block, lowest), timing.transition()
+    step, (_, G) = timing.closed_loop(block, lowest), timing.transition
     feedback = timing.feedback(block)
 
     def most_negative(angles: FloatArray) -> tuple[float, int]:

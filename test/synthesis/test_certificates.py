@@ -163,7 +163,7 @@ def test_the_saturated_loop_with_lag_and_delay_never_leaves_its_sets(certificate
     state = (spread @ random.standard_normal((timing.size, count * 3))).reshape(timing.size, count, 3)
     state = np.moveaxis(state, 0, 1).reshape(count, -1)
     state *= (0.999 / certificate.gain_min / sets.scale_larger(state))[:, np.newaxis]
-    F, G = timing.transition()
+    F, G = timing.transition
     for _ in range(200):
         assert sets.classify(state).guaranteed.all()
         before = sets.levels(state)
@@ -186,7 +186,7 @@ def test_the_exact_check_is_exact() -> None:
     assert abs(float(exact.cosine(Fraction(3, 2))) - math.cos(1.5)) < 1e-15
     assert abs(float(exact.exponential(Fraction(7, 2))) - math.exp(-3.5)) < 1e-15
     for timing in (Timing(0.1, 0.1, 0.05), Timing(0.1, 0.0, 0.23), Timing(0.02, 0.14, 0.04), Timing(0.1)):
-        for own, other in zip(exact.transition(timing), timing.transition(), strict=True):
+        for own, other in zip(exact.transition(timing), timing.transition, strict=True):
             np.testing.assert_allclose(np.array(own, dtype=float), other, rtol=1e-12, atol=1e-15)
     matrix = [[Fraction(2), third], [third, Fraction(1, 18)]]
     assert not exact.positive(matrix)  # singular

@@ -77,7 +77,7 @@ def test_w_never_grows_at_random_gains(timing: Timing, seed: int, lowest: float)
     assert cap.gain_min <= lowest
     random = np.random.default_rng(seed)
     z = random.standard_normal((timing.size, 100))
-    F, G = timing.transition()
+    F, G = timing.transition
     before = np.einsum("in,ij,jn->n", z, cap.matrix, z)
     for _ in range(30):
         k = np.where(random.random(100) < 0.5, random.uniform(lowest, cap.gain_max, 100), cap.gain_max)
