@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
@@ -123,8 +124,8 @@ def _robust(certificate: Certificate) -> list[str]:
     )
 
 
-def _matrix(matrix: FloatArray) -> str:
-    return "[[{:.7g}, {:.7g}], [{:.7g}, {:.7g}]]".format(*matrix.ravel())
+def _matrix(matrix: ArrayLike) -> str:
+    return "[[{:.7g}, {:.7g}], [{:.7g}, {:.7g}]]".format(*np.ravel(matrix))
 
 
 def _rows(*rows: tuple[str, str]) -> list[str]:
