@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -211,3 +212,22 @@ def test_cflib_which_is_gpl_is_loaded_by_one_executable_only() -> None:
         if imported.module.partition(".")[0] == "cflib" or "cflib_" in imported.module
     }
     assert users == {("cflib_link", False), ("cflib_bridge", True)}
+
+
+def test_the_document_shows_these_rooms_and_arrows(root: Path) -> None:
+    page = (
+        (root / "docs" / "architecture.md").read_text(encoding="utf-8").partition("## Rooms\n")[2].partition("\n## ")[0]
+    )
+    rows = [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in page.splitlines() if line.startswith("| `")
+    ]
+    shown = {
+        room.strip("`"): Room(
+            frozenset(re.findall(r"`(\w+)`", rooms)),
+            None if libraries == "any" else frozenset(re.findall(r"`(\w+)`", libraries)),
+        )
+        for room, _, rooms, libraries in rows
+    }
+    assert shown == ROOMS
+    assert len(rows) == len(ROOMS)
+    assert [room for room, purpose in ((row[0], row[1]) for row in rows) if not purpose] == []

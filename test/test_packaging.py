@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 import shutil
 import subprocess
 import sys
+from datetime import date
 from importlib.metadata import EntryPoint, distribution
 from pathlib import Path
 from xml.etree import ElementTree
@@ -97,6 +99,18 @@ def test_versions_agree(root: Path) -> None:
     assert distribution("flatsat_ros").version == version
     assert ElementTree.parse(root / "package.xml").findtext("version") == version
     assert yaml.safe_load((root / "CITATION.cff").read_text(encoding="utf-8"))["version"] == version
+
+
+def test_the_newest_release_of_the_changelog_is_this_version(root: Path) -> None:
+    lines = (root / "CHANGELOG.rst").read_text(encoding="utf-8").splitlines()
+    headings = [line for line, below in itertools.pairwise(lines) if re.fullmatch("-+", below)]
+    releases = [heading for heading in headings if heading != "Forthcoming"]
+    assert headings[-len(releases) :] == releases  # what is not released yet stands first
+    found = [re.fullmatch(r"(\d+\.\d+\.\d+) \((\d{4}-\d\d-\d\d)\)", release) for release in releases]
+    assert None not in found, releases
+    versions, dates = zip(*(match.groups() for match in found if match), strict=True)
+    assert versions[0] == flatsat_ros.__version__
+    assert [date.fromisoformat(day) for day in dates] == sorted(map(date.fromisoformat, dates), reverse=True)
 
 
 def test_licences_agree(root: Path) -> None:
