@@ -41,7 +41,7 @@ def fly(scenario: Scenario) -> FlightRecord:
     vehicle = VehicleProfile.load(config_path(VEHICLE, "vehicles"))
     certificate = scenario.certificate
     policy = Policy(disturbance_max=scenario.disturbance_max)
-    pilot = Pilot(certificate, Tuning(MU, V_INF, GAMMA_0, certificate.gain_max, restart=np.zeros(1)), policy, count)
+    pilot = Pilot(certificate, Tuning(MU, V_INF, GAMMA_0, certificate.gain_max, restart=False), policy, count)
     fleet = SimulatedFleet(
         vehicle, count, dynamics=scenario.dynamics, start=scenario.start, capture=MotionCapture(noise=POSE_NOISE)
     )
@@ -85,7 +85,9 @@ def fly(scenario: Scenario) -> FlightRecord:
         bar.update(total - bar.n)
 
     robots = {
-        name: RobotRecord(*(np.array(x[i]) for x in (poses, ticks, commands)), scenario.swaps[i].shifted(start))
+        name: RobotRecord(
+            np.array(poses[i]), np.array(ticks[i]), np.array(commands[i]), scenario.swaps[i].shifted(start)
+        )
         for i, name in enumerate(scenario.robots)
     }
     return record_of(scenario, robots, start)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 
@@ -10,12 +11,13 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from flatsat_ros.demo.record import FlightRecord
 from flatsat_ros.flight.supervisor import Mode
 
-_LIMIT = {"color": "0.3", "linestyle": "--", "linewidth": 1.0}
-_REFERENCE = {"linestyle": ":", "linewidth": 1.6}
+_LIMIT: dict[str, Any] = {"color": "0.3", "linestyle": "--", "linewidth": 1.0}
+_REFERENCE: dict[str, Any] = {"linestyle": ":", "linewidth": 1.6}
 
 
 def draw(record: FlightRecord, folder: Path) -> list[Path]:
@@ -32,7 +34,7 @@ def _colours(record: FlightRecord) -> dict[str, object]:
     return {name: plt.get_cmap("tab10")(i % 10) for i, name in enumerate(record.robots)}
 
 
-def _paths(record: FlightRecord) -> plt.Figure:
+def _paths(record: FlightRecord) -> Figure:
     figure, grid = plt.subplot_mosaic(
         [["top", "x"], ["top", "y"], ["top", "z"]], figsize=(11, 5.2), layout="constrained", width_ratios=(1, 1.15)
     )
@@ -57,7 +59,7 @@ def _paths(record: FlightRecord) -> plt.Figure:
     return figure
 
 
-def _gain(record: FlightRecord) -> plt.Figure:
+def _gain(record: FlightRecord) -> Figure:
     """Draw up to the end of the swap: on the floor V only says how far the landing reference has gone on sinking."""
     figure, (gain, lyapunov) = plt.subplots(2, 1, figsize=(8, 5.2), sharex=True, layout="constrained")
     for name, colour in _colours(record).items():
@@ -79,7 +81,7 @@ def _gain(record: FlightRecord) -> plt.Figure:
     return figure
 
 
-def _inputs(record: FlightRecord) -> plt.Figure:
+def _inputs(record: FlightRecord) -> Figure:
     figure, rows = plt.subplots(3, 1, figsize=(8, 6.4), sharex=True, layout="constrained")
     tilt = np.degrees(record.limits.tilt_max)
     limits = ((record.limits.thrust_min, record.limits.thrust_max), (-tilt, tilt), (-tilt, tilt))

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import BoolArray, FloatArray, finite_array
 from flatsat_ros.base.errors import FlatsatError
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class Tuning:
     """The adaptation of N drones, one entry each; scalars are spread over all drones.
 
@@ -31,12 +32,21 @@ class Tuning:
     threshold: FloatArray
     gain_initial: FloatArray
     gain_max: FloatArray
-    leak: FloatArray = field(default_factory=lambda: np.zeros(1))
-    restart: BoolArray = field(default_factory=lambda: np.ones(1, dtype=bool))
+    leak: FloatArray
+    restart: BoolArray
 
-    def __post_init__(self) -> None:
+    def __init__(
+        self,
+        adaptation_rate: ArrayLike,
+        threshold: ArrayLike,
+        gain_initial: ArrayLike,
+        gain_max: ArrayLike,
+        leak: ArrayLike = 0.0,
+        restart: ArrayLike = True,
+    ) -> None:
         names = [entry.name for entry in fields(self)]
-        arrays = [np.atleast_1d(finite_array(name, getattr(self, name))) for name in names]
+        values = (adaptation_rate, threshold, gain_initial, gain_max, leak, restart)
+        arrays = [np.atleast_1d(finite_array(name, value)) for name, value in zip(names, values, strict=True)]
         try:
             arrays = [np.array(array) for array in np.broadcast_arrays(*arrays)]
         except ValueError as error:

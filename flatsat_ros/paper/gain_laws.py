@@ -10,6 +10,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.resources import config_path
@@ -96,7 +97,7 @@ def _disturbed(certificate: Certificate) -> tuple[FloatArray, FloatArray]:
     law, drift = Controller(certificate, tuning), 2.0 * math.sqrt(V_INF / certificate.rate)
     transition, drive = Timing(certificate.period).transition
     memory, state, gains = law.start(), np.zeros((2, 2, 3)), []
-    times = certificate.period * np.arange(round(_DISTURBED_SECONDS / certificate.period))
+    times = certificate.period * np.arange(round(_DISTURBED_SECONDS / certificate.period), dtype=np.float64)
     for _ in times:
         memory, output = law.step(memory, state.reshape(2, 6), np.zeros(2), np.zeros((2, 9)))
         gains.append(output.gain)
@@ -105,7 +106,7 @@ def _disturbed(certificate: Certificate) -> tuple[FloatArray, FloatArray]:
     return times, np.array(gains)
 
 
-def draw_gain_laws(runs: GainRuns) -> plt.Figure:
+def draw_gain_laws(runs: GainRuns) -> Figure:
     """Draw gains and tilts over four set-points, and gains under the drift."""
     figure, (gain, tilt, disturbed) = plt.subplots(3, 1, figsize=(9, 8), layout="constrained")
     for i, name in enumerate(LAWS):

@@ -77,7 +77,7 @@ def robustness(table: Table, certificate: Certificate) -> None:
     limits, box = certificate.limits, certificate.limits.inner_box
     assert certificate.robust is not None
     drift = certificate.robust.drift
-    inverse, vertical = np.linalg.inv(certificate.block), np.linalg.inv(certificate.block_vertical)
+    inverse, vertical = (np.linalg.inv(block) for block in certificate.blocks)
     literal = InputSet(limits.thrust_max, 0.698).inner_box[0]
     certified = [_certified_beta(np.linalg.inv(q), e) for q, e in zip(_PRINTED_QW, drift, strict=True)]
     table.number("T_max / g", "2", limits.thrust_max / limits.gravity, INPUT)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 
@@ -11,6 +12,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from flatsat_ros.certificate.gain_bounds import continuous_gain_bound
 from flatsat_ros.demo import pictures as demo_pictures
@@ -19,7 +21,7 @@ from flatsat_ros.paper.gain_laws import draw_gain_laws
 from flatsat_ros.paper.runs import ADAPTATION_RATES, GAMMA_0, TEST_1_TIMING, V_INF, Runs
 from flatsat_ros.paper.studies import History
 
-_LIMIT = {"color": "0.3", "linestyle": "--", "linewidth": 1.0}
+_LIMIT: dict[str, Any] = {"color": "0.3", "linestyle": "--", "linewidth": 1.0}
 _INPUTS = (r"$T$ [m/s$^2$]", r"$\phi$ [deg]", r"$\theta$ [deg]")
 _ACCELERATIONS = (r"$v_1$ [m/s$^2$]", r"$v_2$ [m/s$^2$]", r"$v_3$ [m/s$^2$]")
 _TEST_1_SHOWN = 12.0  # s
@@ -73,7 +75,7 @@ def _threshold(axes: Axes, level: float, name: str) -> None:
     axes.text(0.995, level, name, transform=axes.get_yaxis_transform(), ha="right", va="bottom")
 
 
-def _study_1_gain(runs: Runs, labels: list[str]) -> plt.Figure:
+def _study_1_gain(runs: Runs, labels: list[str]) -> Figure:
     figure, (lyapunov, gain) = plt.subplots(2, 1, figsize=(8, 6.4), sharex=True, layout="constrained")
     history, rate = runs.study_1, runs.simulation.rate
     start = float(history.lyapunov[0, 0])
@@ -93,7 +95,7 @@ def _study_1_gain(runs: Runs, labels: list[str]) -> plt.Figure:
 
 def _inputs(
     histories: Sequence[History], labels: Sequence[str], limits: InputSet, title: str, held: bool = False
-) -> plt.Figure:
+) -> Figure:
     """Draw u and v of all loops of all histories; held in between if sampled."""
     style = {"linewidth": 1.0, "drawstyle": "steps-post" if held else "default"}
     figure, grid = plt.subplots(3, 2, figsize=(11, 6.6), sharex=True, layout="constrained")
@@ -119,7 +121,7 @@ def _inputs(
     return figure
 
 
-def _study_2_plane(runs: Runs) -> plt.Figure:
+def _study_2_plane(runs: Runs) -> Figure:
     figure, columns = plt.subplots(1, 2, figsize=(11, 5), sharex=True, sharey=True, layout="constrained")
     circle = np.linspace(0.0, 2.0 * np.pi, 400)
     block = runs.robust.block
@@ -139,7 +141,7 @@ def _study_2_plane(runs: Runs) -> plt.Figure:
     return figure
 
 
-def _test_1_errors(runs: Runs, labels: list[str]) -> plt.Figure:
+def _test_1_errors(runs: Runs, labels: list[str]) -> Figure:
     figure, rows = plt.subplots(3, 1, figsize=(8, 6.6), sharex=True, layout="constrained")
     history = runs.test_1
     shown = history.time <= _TEST_1_SHOWN
@@ -152,7 +154,7 @@ def _test_1_errors(runs: Runs, labels: list[str]) -> plt.Figure:
     return figure
 
 
-def _test_1_gain(runs: Runs, labels: list[str]) -> plt.Figure:
+def _test_1_gain(runs: Runs, labels: list[str]) -> Figure:
     figure, grid = plt.subplots(2, 2, figsize=(11, 6.2), sharex=True, sharey="row", layout="constrained")
     for column, history in enumerate((runs.test_1, runs.test_1_capped)):
         lyapunov, gain = grid[:, column]
@@ -174,13 +176,13 @@ def _loop() -> str:
     return f"h = {TEST_1_TIMING.period:g} s, lag {TEST_1_TIMING.lag:g} s, delay {TEST_1_TIMING.delay:g} s"
 
 
-def _computation_time(runs: Runs) -> plt.Figure:
+def _computation_time(runs: Runs) -> Figure:
     figure, axes = plt.subplots(figsize=(8, 3.6), layout="constrained")
     upper = 1e3 * max(float(np.quantile(steps, 0.995)) for steps in runs.steps.values())
     for count, steps in runs.steps.items():
         mean = 1e3 * float(steps.mean())
         label = f"{count} drone{'s' if count > 1 else ''}: mean {mean:.3f} ms"
-        axes.hist(1e3 * steps, bins=np.linspace(0.0, upper, 80), alpha=0.6, label=label)
+        axes.hist(1e3 * steps, bins=np.linspace(0.0, upper, 80).tolist(), alpha=0.6, label=label)
     axes.set(title="processor time of one step of the controller", xlabel="time [ms]", ylabel="steps")
     axes.legend()
     axes.grid(alpha=0.3)

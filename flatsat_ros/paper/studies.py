@@ -74,7 +74,7 @@ def run_continuous(
         disturbance: E w, none by default.
     """
     y, outputs = start_of(law, start), []
-    times = step * np.arange(round(seconds / step) + 1)
+    times = step * np.arange(round(seconds / step) + 1, dtype=np.float64)
     for t in times:
         y, output = advance(law, y, float(t), step, disturbance)
         outputs.append(output)
@@ -121,7 +121,7 @@ def run_sampled(law: Controller, start: FloatArray, seconds: float, timing: Timi
     state = np.zeros((len(start), timing.size, 3))
     state[:, :2] = start.reshape(-1, 2, 3)
     memory, outputs = law.start(), []
-    times = timing.period * np.arange(round(seconds / timing.period) + 1)
+    times = timing.period * np.arange(round(seconds / timing.period) + 1, dtype=np.float64)
     for _ in times:
         error = state[:, :2].reshape(-1, 6)
         memory, output = law.step(memory, error, np.zeros(len(start)), np.zeros((len(start), 9)))
@@ -133,7 +133,7 @@ def run_sampled(law: Controller, start: FloatArray, seconds: float, timing: Timi
 def on_boundary(matrix: FloatArray, level: float, directions: FloatArray) -> FloatArray:
     """Return the states (N, 6) of V = level in the directions (N, 6), uniform on the set if those are on a sphere."""
     unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    return np.sqrt(level) * np.linalg.solve(np.linalg.cholesky(matrix).T, unit.T).T
+    return np.asarray(np.sqrt(level) * np.linalg.solve(np.linalg.cholesky(matrix).T, unit.T).T)
 
 
 def measure_steps(law: Controller, errors: FloatArray) -> FloatArray:
@@ -144,4 +144,4 @@ def measure_steps(law: Controller, errors: FloatArray) -> FloatArray:
         begin = thread_time_ns()
         law.step(memory, state, yaw, reference)
         durations[i] = thread_time_ns() - begin
-    return durations * 1e-9
+    return np.asarray(durations * 1e-9, dtype=np.float64)
