@@ -147,6 +147,15 @@ def test_every_link_and_anchor_resolves(file: Path) -> None:
     assert dead_links(file, file.read_text(encoding="utf-8")) == []
 
 
+def test_what_the_code_cites_of_the_documents_exists() -> None:
+    files = [file for folder in sorted(TOP) for file in (ROOT / folder).rglob("*.py") if file != Path(__file__)]
+    for file in files:
+        for target, anchor in re.findall(r"docs/(\w+\.md)(?:#([\w-]+))?", file.read_text(encoding="utf-8")):
+            document = ROOT / "docs" / target
+            assert document.is_file(), f"{file}: docs/{target}"
+            assert not anchor or anchor in anchors(document.read_text(encoding="utf-8")), f"{file}: {target}#{anchor}"
+
+
 @pytest.mark.parametrize("check", CHECKS)
 @pytest.mark.parametrize("file", PAGES, ids=lambda file: file.name)
 def test_a_page_names_only_what_there_is(file: Path, check: str) -> None:

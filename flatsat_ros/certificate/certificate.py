@@ -67,7 +67,8 @@ class Certificate:
         period: h, s; the command is held constant in between.
         gain_min, gain_max: applied gains for which V does not increase at or between samples or, with a lag or a
             delay, the function of `loop` does not at samples.
-        provenance: how it came about: package version, inputs, solver, residuals. Free-form, for people.
+        provenance: how the certificate was computed: package version, inputs, solver, residuals. Nothing reads it but
+            people.
         block_vertical: (2, 2) block of P for z; None for the same as `block`.
         lag: tau, s, of the achieved acceleration.
         delay: d, s, from the command to its first effect.
@@ -121,7 +122,7 @@ class Certificate:
 
     @property
     def loops(self) -> tuple[FloatArray, FloatArray]:
-        """What never grows at samples: W of x and of y, and of z; the blocks of P without lag and delay."""
+        """The matrices whose quadratic forms never grow at samples, (n, n) for x and for y, and for z: W, else P."""
         if self.loop is None:
             return self.blocks
         return self.loop, self.loop if self.loop_vertical is None else self.loop_vertical

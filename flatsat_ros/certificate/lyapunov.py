@@ -1,8 +1,8 @@
-"""The Lyapunov matrix of the saturated law in closed form, and what a zero-order hold does to it.
+"""The Lyapunov matrix of the saturated law in closed form, and how V = x'P x changes while a command is held.
 
 Per axis the double integrator has the state (p, pdot), A = [[0, 1], [0, 0]], B = (0, 1), and with a 2x2 block P the
 controller applies v = -k B'P x with a gain k. Every matrix of the three axes is the Kronecker product of its block
-with the 3x3 identity.
+with the 3x3 identity. A block is that of P for x in (m, m/s); periods are in s, rates in 1/s, gains dimensionless.
 """
 
 from __future__ import annotations

@@ -2,9 +2,13 @@
 
     xi' = A xi + B v + E w,   w'w <= 1,   E = diag(drift, drift, drift_z, push, push, push_z)
 
-Drift (unmatched) moves the position, m/s; push (matched) adds to the acceleration, m/s^2. In continuous time
-Q A' + A Q - 2 B B' + beta Q + E E'/beta <= 0, Q = P^-1, makes V' <= beta (w'w - V) wherever the applied gain is at
-least 1 (arXiv 2308.15177, eq. 32b, whose relation is not printed), so that E_w = { V <= 1 } is never left and attracts.
+The disturbance w is any function of time within the unit ball. Where it acts as the input does, on the acceleration, it
+is called matched; E scales it there by `push`, m/s^2. Where no input acts, on the velocity with which the position
+moves, it is unmatched; E scales it there by `drift`, m/s.
+
+In continuous time Q A' + A Q - 2 B B' + beta Q + E E'/beta <= 0, Q = P^-1, makes V' <= beta (w'w - V) wherever the
+applied gain is at least 1 (arXiv 2308.15177, eq. 32b, whose relation is not printed), so that E_w = { V <= 1 } is never
+left and attracts.
 
 The sampled loop gathers over a period an additional d with d d' <= D = h int_0^h e^(As) E E' e^(A's) ds whatever w does
 (Cauchy-Schwarz). With M(k) Q M(k)'/(1 - p) + D/(p s) <= Q for some 0 < p < 1 at the ends of the gain interval, and by
@@ -28,15 +32,16 @@ from flatsat_ros.law.input_set import InputSet
 
 @dataclass(frozen=True, eq=False)
 class Robust:
-    """The robust part of a certificate; pairs are (x and y, z).
+    """The robust part of a certificate; of the pairs the first number is for x and for y, the second for z.
 
     Attributes:
         rate: beta, 1/s.
-        drift: (2,) at least 0, m/s: E E' has their squares on the positions.
-        push: (2,) at least 0, m/s^2: E E' has their squares on the velocities.
-        box: (2,) vbar, m/s^2: |v_1|, |v_2| <= vbar_1 and |v_3| <= vbar_3 is a box in V_c that holds v0 all over E_w.
-        floor: s; V <= s is never left by the sampled loop, and every larger level set up to eps neither.
-        share: p, how much of a period's growth is the disturbance's.
+        drift: (2,) largest unmatched disturbance, m/s, at least 0: E E' has its square on the positions.
+        push: (2,) largest matched disturbance, m/s^2, at least 0: E E' has its square on the velocities.
+        box: (2,) vbar, m/s^2: the box |v_1|, |v_2| <= vbar_1, |v_3| <= vbar_3 lies in V_c and contains v0 wherever the
+            state is in E_w.
+        floor: s, a level of V: the sampled loop never leaves the set V <= s, nor any larger level set up to eps.
+        share: p, in (0, 1): the part of the room for growth over a period that is left to the disturbance.
 
     Raises:
         FlatsatError: a value is negative, not finite, or has the wrong shape.
@@ -62,7 +67,7 @@ class Robust:
             object.__setattr__(self, name, pair)
 
     def margins(self, limits: InputSet, blocks: tuple[FloatArray, FloatArray]) -> dict[str, float]:
-        """Return the relative margins of the continuous inequalities.
+        """Return by how much, relatively, each inequality of the continuous loop holds; negative ones fail.
 
         Args:
             limits: V_c.
@@ -77,7 +82,7 @@ class Robust:
         return margins
 
     def to_document(self) -> dict[str, Any]:
-        """Return the values as plain numbers and lists."""
+        """Return the values as plain numbers and lists, the form of the YAML file."""
         pairs = {name: getattr(self, name).tolist() for name in ("drift", "push", "box")}
         return {"rate": self.rate, **pairs, "floor": self.floor, "share": self.share}
 
@@ -98,7 +103,14 @@ class Robust:
 
 
 def robust_residual(block: FloatArray, rate: float, drift: float, push: float) -> float:
-    """Return the largest eigenvalue of Q A' + A Q - 2 B B' + beta Q + E E'/beta, relative to beta Q, for one axis."""
+    """Return the largest eigenvalue of Q A' + A Q - 2 B B' + beta Q + E E'/beta, relative to beta Q, for one axis.
+
+    Args:
+        block: P (2, 2) of the axis, Q = P^-1.
+        rate: beta, 1/s.
+        drift: unmatched disturbance, m/s.
+        push: matched disturbance, m/s^2.
+    """
     spread = np.asarray(np.linalg.inv(block), dtype=np.float64)
     system, shake = np.array([[0.0, 1.0], [0.0, 0.0]]), np.diag([drift**2, push**2])
     residual = spread @ system.T + system @ spread - np.diag([0.0, 2.0]) + rate * spread + shake / rate
@@ -106,7 +118,13 @@ def robust_residual(block: FloatArray, rate: float, drift: float, push: float) -
 
 
 def gathered_disturbance(timing: Timing, drift: float, push: float) -> FloatArray:
-    """Return D (n, n) of one axis: whatever w does in a period, its part d of the state has d d' <= D."""
+    """Return D (n, n) of one axis: whatever w does in a period, what it adds to the state, d, has d d' <= D.
+
+    Args:
+        timing: of the loop; n entries of its state.
+        drift: unmatched disturbance, m/s.
+        push: matched disturbance, m/s^2.
+    """
     h, gathered = timing.period, np.zeros((timing.size, timing.size))
     e, m = drift**2, push**2
     gathered[:2, :2] = h * np.array([[e * h + m * h**3 / 3.0, m * h**2 / 2.0], [m * h**2 / 2.0, m * h]])

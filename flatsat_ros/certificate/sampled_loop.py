@@ -5,9 +5,10 @@ Per axis, with the command u held for a period h,
     p' = v,   v' = a,   tau a' = u(t - d) - a        (a = u(t - d) without lag),
 
 and u = -k B'P (p, v) with an applied gain k that the saturation and the adaptation move from period to period. The
-exact discretisation has the state z = (p, v[, a], u_1, ..., u_m): u_j is the command given j periods ago, still needed.
-A matrix W with M(k)' W M(k) <= W at the ends of a gain interval, M(k) = F - k G K, proves that z'W z never grows for
-whatever gains inside the interval, because M(k)' W M(k) is convex in k.
+exact discretisation has the state z = (p, v[, a], u_1, ..., u_m), n entries: u_j is the command that was given j
+periods ago and has not yet had all of its effect. A matrix W with M(k)' W M(k) <= W at the ends of a gain interval,
+M(k) = F - k G K, proves that z'W z never grows for whatever gains inside the interval, because M(k)' W M(k) is convex
+in k.
 """
 
 from __future__ import annotations
@@ -66,12 +67,12 @@ class Timing:
 
     @property
     def immediate(self) -> bool:
-        """Whether the command is the acceleration: a plain zero-order hold."""
+        """Whether the acceleration is the held command itself, with neither lag nor delay."""
         return self.lag == 0.0 and self.delay == 0.0
 
     @property
     def size(self) -> int:
-        """Entries of z per axis."""
+        """Number n of entries of z for one axis."""
         whole, part = self._split()
         return 2 + (self.lag > 0.0) + whole + (part > 0.0)
 
@@ -118,14 +119,14 @@ class Timing:
         """Return M(k) (n, n), z+ = M(k) z, for one axis with u = -k B'P (p, v).
 
         Args:
-            block: P (2, 2).
+            block: P (2, 2) of the axis.
             gain: applied gain k.
         """
         F, G = self.transition
         return np.asarray(F - gain * G @ self.feedback(block))
 
     def feedback(self, block: FloatArray) -> FloatArray:
-        """Return K (1, n), B'P on (p, v) and zero on the rest of z."""
+        """Return K (1, n), with u = -k K z: B'P on (p, v), zero on the rest of z; block is P (2, 2) of the axis."""
         return np.asarray(np.concatenate([block[1], np.zeros(self.size - 2)])[np.newaxis])
 
     def contraction(self, matrix: FloatArray, block: FloatArray, gain: float) -> float:

@@ -47,8 +47,8 @@ class Membership:
         place: (N,) values of `Place`.
         kappa: (N,) the applied gain is at least this, min(1, 1/s) with the smallest s D around the state; 0 for a
             state that is not finite.
-        guaranteed: (N,) whether, from here on, V_h and V_v do not grow (beyond the floor that a disturbance sets) and
-            so the state never leaves its set, for every gain gamma in [1, gain_max].
+        guaranteed: (N,) whether, from here on, V_h and V_v do not grow (beyond the level to which a disturbance may
+            lift them) and so the state never leaves its set, for every gain gamma in [1, gain_max].
     """
 
     level: FloatArray
@@ -63,11 +63,12 @@ class Sets:
 
     Attributes:
         limits: V_c.
-        horizontal, vertical: (n, n) what V_h sums over x and y, and V_v for z: blocks of P, or of W with lag or delay.
+        horizontal, vertical: (n, n) matrices of one axis: V_h sums the first over x and y, V_v takes the second for z.
+            They are blocks of P or, with a lag or a delay, of W.
         slope_horizontal, slope_vertical: c_h and c_v, m^2/s^4 per unit of V_h and V_v.
         level: eps.
-        gain_min: applied gains from here on are certified.
-        floor: level up to which a disturbance can lift V_h and V_v; 0 without.
+        gain_min: the smallest applied gain that is certified.
+        floor: the level up to which a disturbance may lift V_h and V_v; 0 without a disturbance.
     """
 
     limits: InputSet

@@ -17,28 +17,32 @@ from flatsat_ros.law.input_set import InputSet
 
 
 class Certified(Protocol):
-    """What the law takes from a certificate, which stands above it."""
+    """What the law reads of a certificate; a `flatsat_ros.certificate.certificate.Certificate` has all of it."""
 
     @property
     def limits(self) -> InputSet:
-        """The input set V_c."""
+        """The input set V_c: the accelerations within the limits of thrust and tilt."""
 
     @property
     def matrix(self) -> FloatArray:
-        """P, (6, 6), for xi = (position error m, velocity error m/s)."""
+        """The Lyapunov matrix P, (6, 6), for xi = (position error m, velocity error m/s), world frame."""
 
     @property
     def period(self) -> float:
-        """h, s."""
+        """The time h, s, for which a command is held."""
 
     @property
     def gain_max(self) -> float:
-        """Largest gain that is certified."""
+        """The largest gain that is certified, dimensionless, at least 1."""
 
 
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """What the controller carries from step to step: the gains gamma, (N,)."""
+    """What the controller carries from step to step.
+
+    Attributes:
+        gain: gamma, (N,), dimensionless.
+    """
 
     gain: FloatArray
 
@@ -49,12 +53,12 @@ class Output:
 
     Attributes:
         acceleration: v (N, 3), m/s^2, world frame.
-        input: u = (T, phi, theta) (N, 3): m/s^2, rad, rad.
-        error: xi (N, 6), m and m/s: state minus reference.
-        lyapunov: V (N,).
-        gain: gamma (N,), before this step's adaptation.
+        input: u = (T, phi, theta) (N, 3): thrust normalised by the mass, m/s^2, roll, rad, and pitch, rad.
+        error: xi (N, 6), m and m/s, world frame: state minus reference.
+        lyapunov: V (N,), the Lyapunov function of the error.
+        gain: gamma (N,), with which this step was computed, before its adaptation.
         applied_gain: k (N,): v = v_ref - k B'P xi.
-        saturated: (N,), k < gamma.
+        saturated: (N,) whether the limits shortened the command: k < gamma.
     """
 
     acceleration: FloatArray
@@ -67,14 +71,14 @@ class Output:
 
 
 class Controller:
-    """The law of one certificate with one tuning."""
+    """The saturated law with the matrix and the limits of one certificate and the gains of one tuning."""
 
     def __init__(self, certificate: Certified, tuning: Tuning) -> None:
         """Bind a verified certificate and a tuning.
 
         Raises:
-            FlatsatError: the tuning lets gamma grow beyond what the certificate covers, or leaks more than all of it
-                in one period.
+            FlatsatError: the tuning lets gamma grow beyond what the certificate covers, or its leak would take more
+                than the whole gain within one period.
         """
         if (tuning.leak * certificate.period > 1.0).any():
             most = 1.0 / certificate.period
@@ -97,8 +101,8 @@ class Controller:
         Args:
             memory: from `start` or the previous step.
             state: (N, 6) position (m) and velocity (m/s), world frame.
-            yaw: (N,) measured psi, rad.
-            reference: (N, 9) position, velocity, acceleration (m/s^2, inside the input set).
+            yaw: (N,) measured psi, rad, counter-clockwise.
+            reference: (N, 9) position (m), velocity (m/s) and acceleration (m/s^2, inside the input set), world frame.
 
         Returns:
             The next memory and the output.
@@ -114,7 +118,7 @@ class Controller:
         lyapunov = np.einsum("...i,...i->...", gradient, xi)
         v0, v_ref = -gradient[..., 3:], reference[..., 6:]
 
-        # v = sat(gamma v0) about v_ref; gamma v0 itself is never formed
+        # v = v_ref + k v0: as far toward v_ref + gamma v0 as V_c reaches
         gamma = memory.gain
         k = np.minimum(gamma, limits.exit_factor(v_ref, v0))
         v = v_ref + k[..., np.newaxis] * v0

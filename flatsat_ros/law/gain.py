@@ -1,4 +1,4 @@
-"""The adaptive gain gamma: its law, its tuning per drone, and the bounds that hold for it."""
+"""The adaptive gain gamma: how it grows and falls, and its tuning, drone by drone."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from flatsat_ros.base.errors import FlatsatError
 
 @dataclass(frozen=True, eq=False, init=False)
 class Tuning:
-    """The adaptation of N drones, one entry each; scalars are spread over all drones.
+    """The adaptation of N drones: arrays (N,), one entry a drone; a scalar stands for all drones.
 
     Attributes:
         adaptation_rate: mu >= 0, 1/s per unit of V; 0 keeps the gain constant.
@@ -21,8 +21,8 @@ class Tuning:
         gain_initial: gamma_0, in [1, gain_max].
         gain_max: cap of gamma, at least 1; from the certificate.
         leak: nu >= 0, 1/s; the gain falls back toward 1 at this rate. 0 is the paper's law, whose gain never falls.
-        restart: a new reference that puts V above V_inf starts the adaptation anew from gamma_0; otherwise the gains of
-            repeated set-points add up until the drone limit-cycles.
+        restart: whether a new reference that puts V above V_inf starts the adaptation anew from gamma_0; otherwise the
+            gain grows a little with each set-point, until the drone oscillates.
 
     Raises:
         FlatsatError: a value is out of its range, not finite, or the lengths differ.
@@ -74,11 +74,17 @@ def _require(holds: np.ndarray, name: str, values: FloatArray, valid: str) -> No
 
 
 def adapt(gain: FloatArray, lyapunov: FloatArray, tuning: Tuning, period: float) -> FloatArray:
-    """Return the gain one period later.
+    """Return the gains one period later, (N,).
 
     gamma+ = clip(gamma + h [mu sigma(V) - nu (gamma - 1)], 1, gain_max) with sigma(V) = max(V - V_inf, 0): forward
     Euler of the paper's eq. 23b, with the certificate's cap and a leak. Everything proved about the sets needs only a
     gain within [1, gain_max], so it holds for any of these.
+
+    Args:
+        gain: gamma, (N,).
+        lyapunov: V, (N,).
+        tuning: of the N drones.
+        period: h, s.
     """
     excess = np.maximum(lyapunov - tuning.threshold, 0.0)
     slope = tuning.adaptation_rate * excess - tuning.leak * (gain - 1.0)

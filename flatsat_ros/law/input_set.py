@@ -2,9 +2,9 @@
 
     V_c = { v : |v + g e3| <= T_max, |(v1, v2)| <= tan(eps_max) (v3 + g), v3 + g >= T_min }
 
-a ball cut by an upright cone with its apex at free fall (arXiv 2308.15177, eq. 7; the half-space of T_min is ours).
-Everything here is exact up to rounding: the saturation factor is the reciprocal of the gauge (Minkowski functional) of
-V_c, not the candidate list of the paper's eq. 10, whose maximum may lie outside V_c (docs/errata.md).
+a ball about free fall, v = -g e3, cut by an upright cone with its apex there (arXiv 2308.15177, eq. 7; the bound T_min
+is ours). Everything here is exact up to rounding: the saturation factor is the reciprocal of the gauge (Minkowski
+functional) of V_c, not the candidate list of the paper's eq. 10, whose maximum may lie outside V_c (docs/errata.md).
 """
 
 from __future__ import annotations
@@ -109,13 +109,13 @@ class InputSet:
         scale, v1, v2, v3 = _scaled(v)
         horizontal = np.hypot(v1, v2)
         cone = (horizontal * math.cos(self.tilt_max) - v3 * sin) / (g * sin - erosion)
-        floor = v3 / (self.thrust_min + erosion - g)
+        plane = v3 / (self.thrust_min + erosion - g)
         square = horizontal * horizontal + v3 * v3
         room = (self.thrust_max - erosion - g) * (self.thrust_max - erosion + g)
         root = g * np.abs(v3) + np.sqrt(g * g * v3 * v3 + square * room)
         # the branch without cancellation: root / room going up, square / root going down
         sphere = np.where(v3 >= 0.0, root / room, square / np.where(root > 0.0, root, 1.0))
-        return np.asarray(np.maximum(np.maximum(cone, floor), sphere) * scale)
+        return np.asarray(np.maximum(np.maximum(cone, plane), sphere) * scale)
 
     def saturate(self, v: ArrayLike) -> FloatArray:
         """Return the longest vector of V_c in the direction of v and no longer than v: sat(v) = v / max(1, psi(v)).
@@ -153,7 +153,7 @@ class InputSet:
         slope = math.tan(self.tilt_max)
         radius, reach = np.hypot(p1, p2), slope * up
         thrust = np.hypot(radius, up)
-        # what is left to the sphere, the cone and the floor
+        # what is left to the sphere, to the cone and to the plane of T_min
         below, within, above = self.thrust_max - thrust, reach - radius, up - self.thrust_min
         left = np.minimum(np.minimum(below, within), above)
         if np.count_nonzero(left < -_ROUNDING * self.thrust_max):
@@ -179,9 +179,9 @@ class InputSet:
             discriminant = np.maximum(m1 * m1 + m2 * m2 - turn * turn, 0.0)
             cone = _reciprocal_root(a, b, c, discriminant)
 
-            floor = (0.0 - v3) / np.maximum(above, _TINY)
+            plane = (0.0 - v3) / np.maximum(above, _TINY)
             # never NaN, so that NaN, no exit, counts as 0; negative upward, where sphere is above 0
-            return np.asarray(1.0 / (np.fmax(np.fmax(sphere, cone), floor) * scale))
+            return np.asarray(1.0 / (np.fmax(np.fmax(sphere, cone), plane) * scale))
 
     def margin(self, v: ArrayLike) -> FloatArray:
         """Return the distance from v to the boundary of V_c, the radius of the largest ball around v inside V_c.
