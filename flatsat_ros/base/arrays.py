@@ -13,7 +13,16 @@ IntArray = NDArray[np.int64]
 
 
 def finite_array(name: str, value: ArrayLike, width: int | None = None) -> FloatArray:
-    """Return value as a float array, refusing what is not finite or, with width, not of shape (..., width)."""
+    """Return value as an array of floats, each of them finite.
+
+    Args:
+        name: of the value, for the error.
+        value: any shape or, with `width`, (..., width).
+        width: required length of the last axis.
+
+    Raises:
+        FlatsatError: the shape is wrong or an entry is not finite.
+    """
     array = np.asarray(value, dtype=np.float64)
     if width is not None and (array.ndim == 0 or array.shape[-1] != width):
         raise FlatsatError(f"{name} has shape {array.shape}: valid is (..., {width})")

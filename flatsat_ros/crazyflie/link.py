@@ -1,4 +1,4 @@
-"""What a link to real drones decides without any radio: who is meant, when a packet may leave, how a flight ends."""
+"""What a link to real drones decides whatever its radio: whom a URI means, when to send, how to leave a drone."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from flatsat_ros.crazyflie.wire import WireSetpoint
 S = TypeVar("S", bound=Hashable)
 P = TypeVar("P")
 
-# a drone that got zero thrust for less than this and then nothing may end locked until reboot, s
+# s: the firmware locks a drone that got zero thrust for a shorter time and then nothing, until it is rebooted
 ZERO_TIME = 2.2
 REST = WireSetpoint(0.0, 0.0, 0.0, 0.0)
 _FLOAT_MAX = float(np.finfo(np.float32).max)
@@ -35,8 +35,9 @@ class Address:
 
     Attributes:
         uri: as cflib takes it.
-        lane: what drones share that share it: the dongle of a radio, the connection itself over UDP.
-        drone: the same for every way of writing the same drone's URI, whatever the dongle.
+        lane: name of what the drone's packets pass through: the dongle, which several drones may share, or over UDP the
+            connection of this drone alone.
+        drone: name of the drone itself: the same however its URI is written and whatever the dongle.
     """
 
     uri: str
@@ -82,24 +83,25 @@ def sendable(setpoint: WireSetpoint, pwm_max: float) -> WireSetpoint:
 
 
 class Lane(Generic[S, P]):
-    """The newest packet of every stream that shares a dongle, and when it may leave.
+    """The packets that wait for their turn on one dongle: of each stream the newest, and when it may be sent.
 
-    A stream gets at most one packet per `period`, two packets of any streams are at least `gap` apart. A packet that
-    waits is replaced by a newer one, and thrown away when it has waited for `lifetime`: a set-point of the past must
-    not fly a drone after its link was blocked. Every method may be called from any thread.
+    A stream is what goes to one drone for one purpose, such as its set-points. Of a stream at most one packet is sent
+    per `period`, and packets of all streams are at least `gap` apart. A packet that waits is replaced by a newer one of
+    its stream, and thrown away when it has waited for `lifetime`: a set-point of the past must not fly a drone after
+    its link was blocked. Every method may be called from any thread; `now` is the present, s, on the caller's clock.
 
     Attributes:
-        overtaken: by stream, how many packets were replaced or thrown away.
+        overtaken: by stream, how many packets were replaced or thrown away unsent.
     """
 
     def __init__(self, streams: int, *, period: float, gap: float, lifetime: float = 0.25) -> None:
         """Begin with nothing waiting.
 
         Args:
-            streams: how many share the lane.
-            period: s, above 0.
-            gap: s; all streams together must fit into a period.
-            lifetime: s, above the period.
+            streams: number of streams that share the lane.
+            period: least time between two packets of a stream, s, above 0.
+            gap: least time between any two packets, s; all streams together must fit into a period.
+            lifetime: longest time that a packet waits, s, above the period.
 
         Raises:
             FlatsatError: an argument is out of its bounds.
@@ -117,18 +119,18 @@ class Lane(Generic[S, P]):
         self.overtaken: Counter[S] = Counter()
 
     def offer(self, stream: S, packet: P, now: float) -> None:
-        """Let a packet wait for its turn, in place of the one that waits."""
+        """Let a packet wait for its turn, in place of the one of its stream that waits."""
         with self._lock:
             self.overtaken[stream] += stream in self._waiting
             self._waiting[stream] = now, packet
 
     def wait(self, streams: Collection[S], now: float) -> float:
-        """Return how long, s, until one of these streams has something to send, inf if nothing waits."""
+        """Return the time, s, until one of these streams has a packet to send, inf if none of them waits."""
         with self._lock:
             return min((self._due(stream) - now for stream in streams if stream in self._waiting), default=math.inf)
 
     def take(self, streams: Collection[S], now: float) -> tuple[S, P] | None:
-        """Return stream and packet of the one that has waited longest of those that may leave now, None if none may."""
+        """Return stream and packet that have waited longest among those that may be sent now, None if there is none."""
         with self._lock:
             ready = []
             for stream in streams:
@@ -151,12 +153,14 @@ class Lane(Generic[S, P]):
 
 @dataclass(frozen=True)
 class Farewell:
-    """How a drone that was flown is left when the link ends: zero thrust for ZERO_TIME, before it perhaps a descent.
+    """The set-points with which a drone that was flown is left when the link ends.
+
+    A level descent, where wanted, then zero thrust for ZERO_TIME.
 
     Attributes:
-        descent: s; 0 stops the motors at once.
-        thrust: of the level descent, PWM.
-        keeps_yaw: the yaw on the wire is an angle, which the descent keeps; a rate ends.
+        descent: duration of the level descent, s; 0 stops the motors at once.
+        thrust: during the descent, PWM.
+        keeps_yaw: whether the yaw on the wire is an angle, which the descent keeps; a yaw rate is set to 0.
     """
 
     descent: float
@@ -164,7 +168,12 @@ class Farewell:
     keeps_yaw: bool = False
 
     def setpoint(self, elapsed: float, yaw: float) -> WireSetpoint | None:
-        """Return what is sent so many seconds after the end began, the last yaw sent before, None when all is said."""
+        """Return the set-point to send, None when the last one was sent.
+
+        Args:
+            elapsed: time since the link began to end, s.
+            yaw: of the last set-point before that, in the units of the wire.
+        """
         if elapsed < self.descent:
             return REST._replace(thrust=self.thrust, yaw=yaw if self.keeps_yaw else 0.0)
         return REST if elapsed < self.descent + ZERO_TIME else None

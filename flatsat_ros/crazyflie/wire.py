@@ -50,7 +50,8 @@ def setpoint_from_input(
         yaw_mode: a key of YAW_SIGN.
 
     Raises:
-        FlatsatError: a value is not finite, such a set-point must never reach the radio; or no such back end or mode.
+        FlatsatError: a value is not finite, for such a set-point must never reach the radio, or there is no such back
+            end or yaw mode.
     """
     if not math.isfinite(thrust + roll + pitch + yaw):
         raise FlatsatError(f"set-point (T, phi, theta, yaw) = ({thrust}, {roll}, {pitch}, {yaw}): must be finite")
@@ -65,7 +66,7 @@ def input_from_setpoint(
     """Return (T m/s^2, phi rad, theta rad, yaw) of a wire set-point; yaw as a rate, rad/s, or an angle, rad.
 
     Raises:
-        FlatsatError: there is no such back end or mode.
+        FlatsatError: there is no such back end or yaw mode.
     """
     signs = _signs(backend, yaw_mode)
     return (

@@ -11,20 +11,23 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 
-# a hover drifts at most this fast, m/s, root mean square; and is watched for at least so many ticks
+# largest root mean square velocity of a hover, m/s, and the smallest number of ticks to measure over
 _DRIFT = 0.15
 _TICKS = 20
 
 
 def thrust_scale(rows: ArrayLike, gravity: float) -> tuple[float, float]:
-    """Return actual thrust over commanded thrust, and its standard error, from telemetry during a hover at a set-point.
+    """Return actual thrust over commanded thrust, from the telemetry of a hover at a set-point.
 
-    While the height does not change, the vertical part of the actual thrust is gravity: scale = g / mean(T cos cos),
-    for the T that was asked for on the wire.
+    While the height does not change, the vertical part of the actual thrust balances gravity. So the ratio is
+    g / mean(T cos(phi) cos(theta)), for the thrust T that was asked for on the wire.
 
     Args:
-        rows: (M, len(FIELDS)) telemetry.
+        rows: (M, len(FIELDS)) telemetry, one row a tick, as `flatsat_ros.flight.telemetry.rows` makes it.
         gravity: g, m/s^2.
+
+    Returns:
+        The ratio and its standard error, both dimensionless.
 
     Raises:
         FlatsatError: too few rows, the drone did not fly all the time, or it moved too much for a hover.

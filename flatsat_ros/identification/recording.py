@@ -1,8 +1,8 @@
-"""Recordings of motion capture: what one drone's poses were and when they came, from a CSV file.
+"""Recordings of motion capture: the poses of one drone and their stamps, read from a CSV file.
 
-The faults of a real recording are data and are kept: bursts, gaps, duplicates, stamps out of order, NaN, jumps. Only
-its damage is not: a line that breaks off where the recorder was interrupted is left out and reported, anything else
-that is not a pose is refused.
+What motion capture did wrong belongs to the recording and is kept: bursts, gaps, duplicates, stamps out of order, NaN,
+jumps. What damaged the file does not: a line that breaks off where the recorder was interrupted is left out and
+reported, and anything else that is not a pose is refused.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Recording:
         time: (M,) stamps, s after the first pose's; finite, not necessarily increasing.
         position: (M, 3) m, world frame; entries may be NaN.
         quaternion: (M, 4) x, y, z, w, body -> world; entries may be NaN.
-        torn: numbers of the lines that were left out because they break off, counted from 1.
+        torn: numbers, counted from 1, of the lines of the file that were left out because they break off.
 
     Raises:
         FlatsatError: there is no pose, shapes differ, or a stamp is not finite.
@@ -56,7 +56,7 @@ class Recording:
         return float(self.time.max())
 
     def due(self) -> FloatArray:
-        """Return when each pose comes, (M,) s after the first: at its stamp, but never before the one ahead of it."""
+        """Return the times (M,), s after the first pose, at which to play: in order, each at its stamp or later."""
         return np.maximum.accumulate(self.time)
 
 

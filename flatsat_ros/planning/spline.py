@@ -17,12 +17,13 @@ def spline_through(waypoints: ArrayLike, leg_time: float, yaw: float = 0.0) -> T
     """Return the path that passes the way-points at equal time intervals and rests at the first and last.
 
     Args:
-        waypoints: (M, 3) m, M >= 2; repeat the first one at the end for a closed path.
-        leg_time: s from one way-point to the next.
-        yaw: rad, held.
+        waypoints: (M, 3) positions, m, world frame, M >= 2; repeat the first one at the end for a closed path.
+        leg_time: time from one way-point to the next, s.
+        yaw: held on the whole path, rad, counter-clockwise.
 
     Returns:
-        A trajectory whose times begin at 0; its points are the spline's knots, so that it is the spline exactly.
+        A trajectory whose times begin at 0 s. Its points are the knots of the spline, between which both are
+        polynomials of degree 5: the trajectory is the spline exactly.
 
     Raises:
         FlatsatError: fewer than two way-points, a value that is not finite, or a leg time that is not above 0.
