@@ -95,12 +95,12 @@ def swap(vehicle: str, trouble: Trouble, policy: Policy) -> Outcome:
 
     for i, place in enumerate(PLACES):
         pilot.refer(i, Trajectory.hold(place))
-    fly(pilot, fleet, profile, CLIMB - PERIOD, observe)
+    now = fly(pilot, fleet, profile, CLIMB, observe)
     hovered = np.array(errors[-round(WATCHED / PERIOD) :]).mean(axis=0)
     errors.clear()
     for i in range(len(PLACES)):
         legs = [PLACES[(i + leg) % len(PLACES)] for leg in range(len(PLACES) + 1)]
-        pilot.refer(i, spline_through(legs, LEG).shifted(CLIMB))
-    fly(pilot, fleet, profile, CLIMB + len(PLACES) * LEG, observe, start=CLIMB)
+        pilot.refer(i, spline_through(legs, LEG).shifted(now))
+    fly(pilot, fleet, profile, now + len(PLACES) * LEG, observe, start=now)
     swapped = np.sqrt(np.mean(np.square(errors), axis=0))
     return Outcome(float(hovered.max()), float(swapped.max()), within)

@@ -77,14 +77,13 @@ def run_gain_laws(certificate: Certificate) -> GainRuns:
         gain.append(tick.output.gain)
         tilt.append(np.arccos(np.cos(tick.input[:, 1]) * np.cos(tick.input[:, 2])))
 
-    begin = 0.0
+    now = 0.0
     for leg in range(-1, LEGS):
         end = _CLIMB + (leg + 1) * LEG_TIME
         for i, place in enumerate(places):
             side = DISTANCE * (leg >= 0) * (leg + 1) % (2.0 * DISTANCE)
             pilot.refer(i, Trajectory.hold(place + [side, 0.0, 1.0]))
-        fly(pilot, fleet, vehicle, end - certificate.period, observe, start=begin)
-        begin = end
+        now = fly(pilot, fleet, vehicle, end, observe, start=now)
     return GainRuns(np.array(time), np.array(gain), np.array(tilt), cap, *_disturbed(certificate))
 
 

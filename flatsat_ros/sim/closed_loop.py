@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
@@ -13,24 +14,34 @@ from flatsat_ros.sim.sensor import Sample
 
 Observer = Callable[[float, list[Sample], Tick, dict[int, WireSetpoint]], None]
 
+# A tick closer than this to the end, in periods, is at the end: 0.1 * 3 is more than 0.3.
+_ROUNDING = 1e-6
+
 
 def fly(
     pilot: Pilot, fleet: SimulatedFleet, vehicle: VehicleProfile, until: float, observe: Observer, start: float = 0.0
-) -> None:
-    """Close the loop until the simulated time is reached, exactly as the controller and sim_drone nodes do.
+) -> float:
+    """Close the loop for a stretch of simulated time, exactly as the controller and sim_drone nodes do.
+
+    The ticks are at start, start + h, start + 2 h and so on, before until: a flight is continued from the time
+    returned, and comes out the same however it is cut into stretches.
 
     Args:
-        pilot: flies.
+        pilot: flies; h is the period of its certificate.
         fleet: is flown; its time must be at most start.
         vehicle: thrust map of the command.
-        until: s, simulated time of the last tick.
+        until: s, simulated time before which the last tick is.
         observe: called at every tick with the time (s), the pose samples that arrived, the tick and the set-points sent
             by drone.
         start: s, simulated time of the first tick.
+
+    Returns:
+        The time of the next tick, s: the first of start, start + h, ... that is not before until.
     """
     period = pilot.certificate.period
     yaw_mode = "angle" if fleet.absolute_yaw else "rate"
-    for number in range(int((until - start) / period + 1e-9) + 1):
+    ticks = max(0, math.ceil((until - start) / period - _ROUNDING))
+    for number in range(ticks):
         now = start + number * period
         fleet.advance_to(now)
         samples = fleet.measurements(now)
@@ -46,3 +57,4 @@ def fly(
                 sent[index] = setpoint_from_input(asked, roll, pitch, float(yaw[index]), vehicle, yaw_mode=yaw_mode)
                 fleet.command(index, *sent[index])
         observe(now, samples, tick, sent)
+    return start + ticks * period
