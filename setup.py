@@ -1,10 +1,10 @@
-"""Build of the ament_python package; the version stands in flatsat_ros/__init__.py."""
+"""Build of the ament_python package; the version stands in flatsat_ros/_version.py."""
 
 from pathlib import Path
 
 from setuptools import find_packages, setup
 
-from flatsat_ros import __version__
+from flatsat_ros._version import __version__
 
 PACKAGE = "flatsat_ros"
 SHARE = Path("share", PACKAGE)
@@ -24,6 +24,7 @@ setup(
     maintainer_email="developers@flatsat-ros.example.org",
     license="Apache-2.0",
     packages=find_packages(exclude=["test", "test.*"]),
+    package_data={PACKAGE: ["py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (str(SHARE), ["package.xml"]),

@@ -8,10 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from flatsat_ros.base.constants import GRAVITY
-from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
-from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.flight.pilot import Pilot, Tick
 from flatsat_ros.flight.reference import Trajectory
@@ -74,7 +73,7 @@ def swap(vehicle: str, trouble: Trouble, policy: Policy) -> Outcome:
     ball = LIMITS.inner_radius**2
     proof = Certificate("50 Hz", LIMITS, RATE, closed_form_block(RATE), ball, ball / RATE, PERIOD, low, high)
     pilot = Pilot(proof, Tuning(MU, V_INF, 1.0, high), policy, len(PLACES))
-    profile = VehicleProfile.load(config_path(vehicle, "vehicles"))
+    profile = load_vehicle(vehicle)
     fleet = SimulatedFleet(
         profile,
         len(PLACES),

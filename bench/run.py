@@ -28,7 +28,7 @@ from tqdm import tqdm
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
-from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.certificate import Certificate, load_certificate
 from flatsat_ros.synthesis.nominal import synthesize
 
 _CERTIFICATE = "paper_experiment"
@@ -48,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         targets: list[Target] = []
         results = {
             "machine": _machine(),
-            "law": _compare_law(Certificate.load(config_path(_CERTIFICATE)), targets),
+            "law": _compare_law(load_certificate(_CERTIFICATE), targets),
             "processes": _compare_processes(folder, targets),
             "offset_free": _compare_offsets(targets),
         }

@@ -1,16 +1,17 @@
 """The configuration that the package ships: where it lies, and how a user's argument becomes a path.
 
-Nobody but `cli` and `nodes` needs it; no ROS is involved, so that it works before anything is sourced.
+No ROS is involved, so that it works before anything is sourced.
 """
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from flatsat_ros.base.errors import FlatsatError
 
 
-def config_path(name_or_path: str, folder: str = "") -> Path:
+def config_path(name_or_path: str | os.PathLike[str], folder: str = "") -> Path:
     """Find a YAML file by the name it has in the package or by the user's own path.
 
     Args:
@@ -25,12 +26,13 @@ def config_path(name_or_path: str, folder: str = "") -> Path:
         FlatsatError: there is no such file; the text lists the names that exist.
     """
     packaged = _config_folder() / folder
-    own = "/" in name_or_path or name_or_path.endswith(".yaml")
-    path = Path(name_or_path).expanduser() if own else packaged / f"{name_or_path}.yaml"
+    name = os.fspath(name_or_path)
+    own = "/" in name or name.endswith(".yaml")
+    path = Path(name).expanduser() if own else packaged / f"{name}.yaml"
     if path.is_file():
         return path
     names = ", ".join(sorted(file.stem for file in packaged.glob("*.yaml"))) or "none"
-    missing = f"there is no file {path}" if own else f"there is no packaged configuration {name_or_path!r}"
+    missing = f"there is no file {path}" if own else f"there is no packaged configuration {name!r}"
     raise FlatsatError(f"{missing}; packaged in {packaged}: {names}; or give the path of a .yaml file")
 
 

@@ -19,6 +19,7 @@ import yaml
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError, require_positive
+from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate import lyapunov
 from flatsat_ros.certificate.robust import Robust
 from flatsat_ros.certificate.sampled_loop import Timing
@@ -304,6 +305,18 @@ class Certificate:
             if temporary is not None:
                 Path(temporary).unlink(missing_ok=True)
             raise FlatsatError(f"certificate {os.fspath(path)!r} cannot be written: {error}") from error
+
+
+def load_certificate(name_or_path: str | os.PathLike[str]) -> Certificate:
+    """Read and verify a certificate that the package ships, by its name, or one of the user's own.
+
+    Args:
+        name_or_path: such as `cf21_50hz`, or a path; see `base.resources.config_path`.
+
+    Raises:
+        FlatsatError: there is none, the text lists the names that exist; or as `Certificate.load`.
+    """
+    return Certificate.load(config_path(name_or_path))
 
 
 def _slope(metric: FloatArray, block: FloatArray) -> float:

@@ -2,3 +2,5 @@
 
 Nothing imports them. They import no ROS themselves; the one that needs a node imports it where it is used.
 """
+
+__all__: list[str] = []

@@ -15,10 +15,9 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.sampled_loop import Timing
-from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis.report import margins, table
 
@@ -107,7 +106,7 @@ def _write_own(arguments: argparse.Namespace) -> None:
         _require_writable(target, arguments.force)
     vehicle = None
     if arguments.vehicle is not None:
-        vehicle = VehicleProfile.load(config_path(arguments.vehicle, "vehicles"))
+        vehicle = load_vehicle(arguments.vehicle)
     limits, inputs = _limits(arguments, vehicle)
     name = arguments.name or (arguments.output.stem if arguments.output else "unnamed")
     period = _PERIOD if arguments.period is None else arguments.period

@@ -1,1 +1,26 @@
 """The vehicle as the radio sees it: profiles, wire units, crazyflies.yaml, link addresses and queues."""
+
+from flatsat_ros.crazyflie.crazyflies_yaml import Robot, read_crazyflies
+from flatsat_ros.crazyflie.vehicle import (
+    AttitudeResponse,
+    BatteryLimits,
+    Dynamics,
+    Motors,
+    VehicleProfile,
+    load_vehicle,
+)
+from flatsat_ros.crazyflie.wire import WireSetpoint, input_from_setpoint, setpoint_from_input
+
+__all__ = [
+    "AttitudeResponse",
+    "BatteryLimits",
+    "Dynamics",
+    "Motors",
+    "Robot",
+    "VehicleProfile",
+    "WireSetpoint",
+    "input_from_setpoint",
+    "load_vehicle",
+    "read_crazyflies",
+    "setpoint_from_input",
+]

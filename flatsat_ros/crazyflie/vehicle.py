@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError, require
+from flatsat_ros.base.resources import config_path
 
 T = TypeVar("T")
 
@@ -234,6 +235,18 @@ class VehicleProfile:
     def thrust_from_pwm(self, pwm: ArrayLike) -> FloatArray:
         """Return the mass-normalised thrust, m/s^2, of a thrust command: the inverse of pwm_from_thrust."""
         return np.asarray(pwm, dtype=np.float64) * (self.force_max / (self.mass * PWM_FULL))
+
+
+def load_vehicle(name_or_path: str | os.PathLike[str]) -> VehicleProfile:
+    """Read a vehicle profile that the package ships, by its name, or one of the user's own.
+
+    Args:
+        name_or_path: such as `cf21`, or a path; see `base.resources.config_path`.
+
+    Raises:
+        FlatsatError: there is none, the text lists the names that exist; or as `VehicleProfile.load`.
+    """
+    return VehicleProfile.load(config_path(name_or_path, "vehicles"))
 
 
 def _build(cls: type[T], content: object, where: str) -> T:

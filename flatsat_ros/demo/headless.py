@@ -6,8 +6,7 @@ import numpy as np
 from tqdm import tqdm
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.resources import config_path
-from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint, input_from_setpoint
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
 from flatsat_ros.demo.scenario import (
@@ -38,7 +37,7 @@ from flatsat_ros.sim.sensor import MotionCapture, Sample
 def fly(scenario: Scenario) -> FlightRecord:
     """Fly on simulated time in this process: take off, gather, swap, land."""
     count = len(scenario.robots)
-    vehicle = VehicleProfile.load(config_path(VEHICLE, "vehicles"))
+    vehicle = load_vehicle(VEHICLE)
     certificate = scenario.certificate
     policy = Policy(disturbance_max=scenario.disturbance_max)
     pilot = Pilot(certificate, Tuning(MU, V_INF, GAMMA_0, certificate.gain_max, restart=False), policy, count)

@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, NoReturn
 from tqdm import tqdm
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.base.resources import config_path
-from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
 from flatsat_ros.demo.scenario import (
     BAR,
@@ -64,7 +63,7 @@ def fly(scenario: Scenario, folder: Path) -> FlightRecord:
     from flatsat_ros.nodes.ros.bag import write_bag
 
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    vehicle = VehicleProfile.load(config_path(VEHICLE, "vehicles"))
+    vehicle = load_vehicle(VEHICLE)
     with conducting(scenario.robots, NAMESPACE) as conductor:
         _listen_for_others(conductor)
         with _nodes(_commands(scenario), folder / "log") as nodes:

@@ -1,1 +1,6 @@
 """What recordings and flights say about the vehicle and its motion capture. Numpy only."""
+
+from flatsat_ros.identification.hover import thrust_scale
+from flatsat_ros.identification.recording import Recording, read_csv
+
+__all__ = ["Recording", "read_csv", "thrust_scale"]

@@ -2,3 +2,5 @@
 
 Callbacks convert and store, a fixed-rate tick calls the pure step and publishes.
 """
+
+__all__: list[str] = []

@@ -21,8 +21,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.base.resources import config_path
-from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.certificate.sets import Place
 from flatsat_ros.crazyflie.wire import PITCH_SIGN, setpoint_from_input
 from flatsat_ros.flight import telemetry
@@ -83,7 +82,7 @@ class ControllerNode(Node):  # type: ignore[misc]
         certificate = declare(
             self, "certificate", "paper_experiment", "certificate: packaged name or path of a YAML file"
         )
-        self._certificate = Certificate.load(config_path(certificate))
+        self._certificate = load_certificate(certificate)
         self._vehicles = declare_vehicles(self, robots)
         self._backend = declare_choice(
             self, "backend", list(PITCH_SIGN), "crazyswarm2 back end, gives the sign of the pitch"

@@ -13,10 +13,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.sampled_loop import Timing
-from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.demo.scenario import POSE_NOISE, VEHICLE
 from flatsat_ros.flight.pilot import Pilot, Tick
@@ -60,7 +59,7 @@ class GainRuns:
 
 def run_gain_laws(certificate: Certificate) -> GainRuns:
     """Fly four simulated Crazyflies, one a gain law, to and fro; and disturb the double integrator."""
-    vehicle, count = VehicleProfile.load(config_path(VEHICLE, "vehicles")), len(LAWS)
+    vehicle, count = load_vehicle(VEHICLE), len(LAWS)
     timing = Timing(certificate.period, vehicle.lag, _LINK_DELAY)
     cap = gain_cap(timing, certificate.block).gain_max
     most = certificate.gain_max

@@ -10,6 +10,10 @@ drones, the drone's own state estimate (what it controls is the true state) and 
 trajectories and spirals.
 """
 
+from flatsat_ros.sim.closed_loop import Observer, fly
+from flatsat_ros.sim.dynamics import Wind
 from flatsat_ros.sim.fleet import SimulatedFleet
+from flatsat_ros.sim.power import Battery
+from flatsat_ros.sim.sensor import MotionCapture, Sample
 
-__all__ = ["SimulatedFleet"]
+__all__ = ["Battery", "MotionCapture", "Observer", "Sample", "SimulatedFleet", "Wind", "fly"]

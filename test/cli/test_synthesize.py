@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.cli.synthesize import main
-from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.vehicle import load_vehicle
 
 PAPER_LIMITS = ["--thrust-max-g", "1.45"]
 
@@ -73,7 +72,7 @@ def test_the_papers_certificates_are_written_and_not_overwritten_unasked(
 def test_the_profile_gives_lag_and_delay_unless_they_are_given(tmp_path: Path) -> None:
     target = tmp_path / "own.yaml"
     assert main(["--vehicle", "cf21", "--output", str(target)]) == 0
-    vehicle = VehicleProfile.load(config_path("cf21", "vehicles"))
+    vehicle = load_vehicle("cf21")
     certificate = Certificate.load(target)
     assert (certificate.lag, certificate.delay) == (vehicle.lag, vehicle.delay)
     assert certificate.loop is not None

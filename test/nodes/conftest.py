@@ -29,9 +29,8 @@ from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.resources import config_path
-from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.certificate.certificate import load_certificate
+from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint, input_from_setpoint
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS
@@ -128,8 +127,8 @@ class Lab:
     """
 
     def __init__(self, executables: Path, folder: Path) -> None:
-        self.certificate = Certificate.load(config_path("paper_experiment"))
-        self.vehicle = VehicleProfile.load(config_path("cf21", "vehicles"))
+        self.certificate = load_certificate("paper_experiment")
+        self.vehicle = load_vehicle("cf21")
         self._executables = executables
         self._folder = folder
         self._processes: list[Process] = []

@@ -18,9 +18,8 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.timer import Timer
 from std_srvs.srv import Empty, SetBool
 
-from flatsat_ros.base.resources import config_path
 from flatsat_ros.crazyflie.link import ZERO_TIME
-from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.nodes.ros import interfaces, messages
@@ -50,7 +49,7 @@ def simulate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Simula
 
     def make(*start: Sequence[float], vehicle: str = "cf21", on: bool = True) -> Endpoint:
         places = start or ((0.0, 0.0, 0.0),)
-        profile = VehicleProfile.load(config_path(vehicle, "vehicles"))
+        profile = load_vehicle(vehicle)
         endpoints.append(Endpoint(SimulatedFleet(profile, len(places), start=places)))
         if on:
             endpoints[-1].switch_on()

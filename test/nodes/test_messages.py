@@ -16,8 +16,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.base.resources import config_path
-from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint, setpoint_from_input
 from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.telemetry import FIELDS
@@ -84,7 +83,7 @@ def test_a_stamp_keeps_its_nanoseconds(nanoseconds: int) -> None:
 def test_a_command_has_the_signs_and_units_of_the_link(
     u: tuple[float, float, float, float], backend: str, linear: tuple[float, float, float], angular_z: float
 ) -> None:
-    vehicle = VehicleProfile.load(config_path("cf21", "vehicles"))
+    vehicle = load_vehicle("cf21")
     message = Twist()
     messages.fill_command(message, setpoint_from_input(*u, vehicle, backend))
     assert (message.linear.x, message.linear.y) == pytest.approx(linear[:2], abs=1e-12)

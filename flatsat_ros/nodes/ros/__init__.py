@@ -1,1 +1,3 @@
 """What every node needs of ROS: interfaces, messages, parameters, life, bags."""
+
+__all__: list[str] = []

@@ -10,9 +10,8 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.base.resources import config_path
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot, read_crazyflies
-from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
 from flatsat_ros.crazyflie.wire import YAW_SIGN
 
 
@@ -133,7 +132,7 @@ def declare_vehicles(node: Node, robots: Sequence[Robot]) -> list[VehicleProfile
     profiles = []
     for robot in robots:
         own = declare(node, f"robots.{robot.name}.vehicle", "", "vehicle profile; empty: that of its type")
-        profiles.append(VehicleProfile.load(config_path(own or types.get(robot.kind) or common, "vehicles")))
+        profiles.append(load_vehicle(own or types.get(robot.kind) or common))
     return profiles
 
 

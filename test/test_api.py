@@ -1,0 +1,104 @@
+"""The Python API: the names that a script imports are there, documented, and cost nothing until they are used."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import flatsat_ros
+from flatsat_ros import FlatsatError, load_certificate, load_vehicle
+
+PACKAGE = Path(flatsat_ros.__file__).parent
+STABLE = (
+    "Certificate", "FlatsatError", "InputSet", "acceleration_from_input", "input_from_acceleration",
+    "load_certificate", "load_vehicle",
+)  # fmt: skip
+PROVISIONAL = ("Controller", "Pilot", "SimulatedFleet", "Trajectory", "Tuning", "fly")
+ROOMS = sorted({file.parent.relative_to(PACKAGE.parent) for file in PACKAGE.glob("**/__init__.py")})
+HEAVY = {"numpy", "scipy", "cvxpy", "matplotlib", "rclpy", "tqdm"}
+
+
+def imported_by(*statements: str) -> list[set[str]]:
+    """Which heavy packages are there after each of the statements, in a fresh interpreter."""
+    program = ["import sys", f"seen = lambda: print(*({HEAVY!r} & set(sys.modules)))", "seen()"]
+    for statement in statements:
+        program += [statement, "seen()"]
+    environment = dict(os.environ, PYTHONPATH=os.pathsep.join([str(PACKAGE.parent), os.environ.get("PYTHONPATH", "")]))
+    command = [sys.executable, "-c", "\n".join(program)]
+    output = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+    first, *seen = [set(line.split()) for line in output.split("\n")[:-1]]
+    assert not first, "a fresh interpreter has them already: nothing could be told"
+    return seen
+
+
+def test_importing_the_package_imports_no_room_and_nothing_heavy() -> None:
+    package, api, flown, offline = imported_by(
+        "import flatsat_ros",
+        "from flatsat_ros import *",
+        "import flatsat_ros.identification, flatsat_ros.falsification",
+        "import flatsat_ros.synthesis, flatsat_ros.paper, flatsat_ros.demo, flatsat_ros.cli, flatsat_ros.nodes",
+    )
+    assert package == set()
+    assert api == flown == offline == {"numpy"}
+
+
+@pytest.mark.parametrize("name", [".".join(room.parts) for room in ROOMS])
+def test_every_room_offers_documented_names_of_its_own(name: str) -> None:
+    room = importlib.import_module(name)
+    assert room.__doc__
+    assert set(room.__all__) <= set(dir(room))
+    for public in room.__all__:
+        value = getattr(room, public)
+        if inspect.isclass(value) or inspect.isfunction(value):
+            assert value.__module__.startswith(f"{room.__name__}."), public
+            assert value.__doc__, public
+
+
+@pytest.mark.parametrize("name", ["flatsat_ros", "flatsat_ros.synthesis", "flatsat_ros.paper"])
+def test_the_type_checker_and_the_interpreter_read_the_same_names(name: str) -> None:
+    room = importlib.import_module(name)
+    imports = {
+        alias.name: importlib.import_module(str(node.module))
+        for block in ast.walk(ast.parse(inspect.getsource(room)))
+        if isinstance(block, ast.If)
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert set(imports) == set(room.__all__) - {"__version__"}
+    for public, home in imports.items():
+        assert getattr(room, public) is getattr(home, public)
+
+
+def test_what_is_stable_and_what_is_provisional_is_said() -> None:
+    assert set(flatsat_ros.__all__) == {*STABLE, *PROVISIONAL, "__version__"}
+    stable, provisional = str(flatsat_ros.__doc__).partition("Provisional")[::2]
+    for names, text in ((STABLE, stable), (PROVISIONAL, provisional)):
+        for name in names:
+            assert f"`{name}`" in text
+
+
+@pytest.mark.parametrize("room", [flatsat_ros, importlib.import_module("flatsat_ros.synthesis")])
+def test_an_unknown_name_is_no_attribute(room: ModuleType) -> None:
+    with pytest.raises(AttributeError, match=rf"module '{room.__name__}' has no attribute 'InputSets'"):
+        _ = room.InputSets
+
+
+def test_packaged_certificates_and_vehicles_are_loaded_by_name_and_others_by_path(tmp_path: Path) -> None:
+    certificate, vehicle = load_certificate("cf21_50hz"), load_vehicle("cf21")
+    assert (certificate.name, vehicle.name) == ("cf21_50hz", "cf21")
+    own = tmp_path / "own.yaml"
+    certificate.save(own)
+    assert load_certificate(own).to_document() == certificate.to_document()
+    with pytest.raises(FlatsatError, match=r"no packaged configuration 'cf22'.*brushless, cf21"):
+        load_vehicle("cf22")
+    with pytest.raises(FlatsatError, match=r"no packaged configuration 'cf21'.*cf21_50hz"):
+        load_certificate("cf21")
