@@ -8,13 +8,23 @@ import inspect
 import os
 import subprocess
 import sys
+from collections.abc import Callable
+from inspect import Parameter, signature
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
 import flatsat_ros
-from flatsat_ros import FlatsatError, load_certificate, load_vehicle
+from flatsat_ros import (
+    Certificate,
+    FlatsatError,
+    InputSet,
+    acceleration_from_input,
+    input_from_acceleration,
+    load_certificate,
+    load_vehicle,
+)
 
 PACKAGE = Path(flatsat_ros.__file__).parent
 STABLE = (
@@ -84,6 +94,36 @@ def test_what_is_stable_and_what_is_provisional_is_said() -> None:
     for names, text in ((STABLE, stable), (PROVISIONAL, provisional)):
         for name in names:
             assert f"`{name}`" in text
+
+
+@pytest.mark.parametrize(
+    ("function", "arguments"),
+    [
+        (InputSet, "thrust_max, tilt_max, gravity=9.81"),
+        (InputSet.contains, "v"),
+        (InputSet.gauge, "v"),
+        (InputSet.saturate, "v"),
+        (InputSet.exit_factor, "base, v"),
+        (input_from_acceleration, "v, yaw, gravity=9.81"),
+        (acceleration_from_input, "u, yaw, gravity=9.81"),
+        (Certificate.load, "path"),
+        (Certificate.save, "path"),
+        (Certificate.verify, ""),
+        (load_certificate, "name_or_path"),
+        (load_vehicle, "name_or_path"),
+    ],
+    ids=lambda value: getattr(value, "__qualname__", ""),
+)
+def test_what_is_to_be_scripted_against_keeps_its_arguments(
+    function: Callable[..., object], arguments: str, root: Path
+) -> None:
+    page = (root / "docs" / "interfaces.md").read_text(encoding="utf-8").partition("## Names to script against\n")[2]
+    assert f"{function.__name__}({arguments})" in page
+    parameters = [entry for entry in signature(function).parameters.values() if entry.name != "self"]
+    given = [str(entry.replace(annotation=Parameter.empty)) for entry in parameters]
+    documented = arguments.split(", ") if arguments else []
+    assert given[: len(documented)] == documented
+    assert all(entry.default is not Parameter.empty for entry in parameters[len(documented) :])
 
 
 @pytest.mark.parametrize("room", [flatsat_ros, importlib.import_module("flatsat_ros.synthesis")])
