@@ -1,4 +1,4 @@
-"""Bodies in the air: N drones in one vectorised state, an ideal and an identified response to thrust and attitude.
+"""N drones as bodies in the air: how thrust and attitude follow their commands, and how the bodies move.
 
 Attitude is ZYX Euler angles (roll, pitch, yaw), body -> world = Rz(psi) Ry(theta) Rx(phi), rad; world ENU, body FLU.
 """
@@ -18,7 +18,7 @@ from flatsat_ros.crazyflie.vehicle import AttitudeResponse, Dynamics
 from flatsat_ros.law.flatness import acceleration_from_input
 
 STEP = 0.002  # s: 500 Hz, the rate of the firmware's attitude loop
-# rad/s^2: an axis nobody controls, two pairs of motors 2 % apart at hover (0.002 N at 0.06 m on 1.7e-5 kg m^2)
+# rad/s^2, of an axis that nobody controls: its pairs of motors differ by 2 % at hover, 0.002 N at 0.06 m, 1.7e-5 kg m^2
 UNBALANCE = 7.0
 STANDING = 0.5  # cosine of the largest tilt that the legs catch at touch-down, 60 degrees
 
@@ -42,7 +42,7 @@ class Response(Protocol):
 
 
 class Ideal:
-    """The double integrator of the theorems: the commanded thrust and attitude are there at once, and no drag."""
+    """The double integrator of the theorems: thrust and attitude follow their commands at once, without drag."""
 
     order = 3
 
@@ -54,12 +54,15 @@ class Ideal:
         return command
 
     def attitude(self, attitude: FloatArray, command: FloatArray) -> FloatArray:
-        """Return the command, at rest."""
+        """Return the commanded angles, with rates and accelerations of 0."""
         return np.stack([command, np.zeros_like(command), np.zeros_like(command)], axis=-1)
 
 
 class Identified:
-    """Attitude of third order, of fourth with a slow factor, first-order thrust, linear drag, discretised exactly."""
+    """The response that a vehicle profile describes, discretised exactly.
+
+    Attitude of third order, or of fourth where the profile has integral terms, first-order thrust, linear drag.
+    """
 
     def __init__(self, dynamics: Dynamics) -> None:
         self.drag = np.array([dynamics.drag_xy, dynamics.drag_xy, dynamics.drag_z])
@@ -73,12 +76,12 @@ class Identified:
         self._input = np.stack([b for _, b in steps])[:, None, :]  # (3, 1, order)
 
     def thrust(self, thrust: FloatArray, command: FloatArray) -> FloatArray:
-        """Return the lagged thrust."""
+        """Return the thrust, m/s^2, one STEP later, on its way to the command."""
         goal = self._thrust_gain * command
         return goal + (thrust - goal) * np.where(goal > thrust, self._keep_up, self._keep_down)
 
     def attitude(self, attitude: FloatArray, command: FloatArray) -> FloatArray:
-        """Return the filtered attitude."""
+        """Return the attitude one STEP later, on its way to the command."""
         return attitude @ self._transition + self._input * command[:, :, None]
 
 
@@ -123,7 +126,7 @@ def _matrix_exponential(matrix: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Wind:
-    """The air of the room, the same for all its drones: a constant and first-order Gauss-Markov gusts.
+    """The motion of the air, the same for all drones: a constant velocity and first-order Gauss-Markov gusts.
 
     Attributes:
         mean: (3,) air velocity, world frame, m/s.
@@ -149,22 +152,31 @@ class Wind:
 
 
 class Bodies:
-    """N drones above a floor.
+    """N drones above a level floor.
 
     Attributes:
         position: (N, 3) m, world.
         velocity: (N, 3) m/s, world.
         acceleration: (N, 3) m/s^2, world; 0 on the floor.
-        attitude: (3, N, order) axis (roll, pitch, yaw) by drone by (rad, rad/s, rad/s^2, and what the response adds);
-            yaw is not wrapped.
+        attitude: (3, N, order), by axis (roll, pitch, yaw), drone, and derivative (rad, rad/s, rad/s^2, then the states
+            that the response adds); yaw is not wrapped.
         thrust: (N,) achieved thrust divided by the mass, m/s^2.
-        grounded: (N,) on the floor.
-        capsized: (N,) fell over at touch-down and lies there.
+        grounded: (N,) whether the drone is on the floor.
+        capsized: (N,) whether it fell over at touch-down and lies there.
     """
 
     def __init__(
         self, response: Response, position: FloatArray, yaw: FloatArray, *, thrust: float, floor: float
     ) -> None:
+        """Place the bodies.
+
+        Args:
+            response: how thrust and attitude follow their commands.
+            position: (N, 3) m, world.
+            yaw: (N,) rad, counter-clockwise.
+            thrust: achieved thrust of each at the beginning, divided by the mass, m/s^2.
+            floor: height of the floor, m, world.
+        """
         self._response = response
         self._floor = floor
         self.position = position.copy()
@@ -186,12 +198,12 @@ class Bodies:
 
     @property
     def angles(self) -> FloatArray:
-        """(N, 3) roll, pitch, yaw, rad."""
+        """Roll, pitch, yaw, (N, 3), rad."""
         return self.attitude[:, :, 0].T
 
     @property
     def quaternion(self) -> FloatArray:
-        """(N, 4) x, y, z, w; body -> world."""
+        """Attitude as quaternions x, y, z, w, (N, 4), body -> world."""
         (cr, cp, cy), (sr, sp, sy) = np.cos(self.attitude[..., 0] / 2), np.sin(self.attitude[..., 0] / 2)
         x = sr * cp * cy - cr * sp * sy
         y = cr * sp * cy + sr * cp * sy
@@ -201,7 +213,7 @@ class Bodies:
 
     @property
     def specific_force(self) -> FloatArray:
-        """(N, 3) what the accelerometer reads, body frame, g: (0, 0, 1) standing on the floor."""
+        """What the accelerometers read, (N, 3), body frame, in units of g: (0, 0, 1) for a drone that stands level."""
         force = self.acceleration / GRAVITY + (0.0, 0.0, 1.0)
         x, y, z = force.T
         (cr, cp, cy), (sr, sp, sy) = np.cos(self.attitude[..., 0]), np.sin(self.attitude[..., 0])
@@ -223,10 +235,10 @@ class Bodies:
         self.attitude = self._next_attitude(angles)
 
         u = np.array([self.thrust, *self.attitude[:2, :, 0]]).T
-        pushed = acceleration_from_input(u, self.attitude[2, :, 0], GRAVITY) + self._response.drag * wind
-        self.position = self.position + self.velocity * self._f1 + pushed * self._f2
-        self.velocity = self.velocity * self._keep + pushed * self._f1
-        self.acceleration = pushed - self._response.drag * self.velocity
+        driven = acceleration_from_input(u, self.attitude[2, :, 0], GRAVITY) + self._response.drag * wind
+        self.position = self.position + self.velocity * self._f1 + driven * self._f2
+        self.velocity = self.velocity * self._keep + driven * self._f1
+        self.acceleration = driven - self._response.drag * self.velocity
         self._touch_floor(place, attitude)
 
     def _next_attitude(self, command: FloatArray) -> FloatArray:

@@ -1,7 +1,7 @@
 """The Crazyflie firmware's rules on when thrust is given and taken away, for N drones at once.
 
 A restatement of bitcraze/crazyflie-firmware, release 2026.08; the file and function behind each rule stand beside it.
-Time is given from outside in integer milliseconds, as the firmware's own ticks; nothing here knows a clock.
+The caller gives the time, in integer milliseconds as the firmware's own ticks; no clock is read.
 
 Not modelled: deck faults, motor speed checks (bidirectional DSHOT only), the emergency stop watchdog, crash detection
 by acceleration (off by default), flightmode parameters other than stabModeYaw, bits 8 to 11 of supervisor.info.
@@ -59,7 +59,19 @@ MOTORS_ALLOWED = CAN_FLY | np.isin(list(State), State.ARMING)
 
 @dataclass(frozen=True)
 class Conditions:
-    """What the supervisor decides on; (N,) each."""
+    """What the supervisor decides on, (N,) each.
+
+    Attributes:
+        armed: the drone is armed.
+        flying: a motor has turned faster than idle within the last two seconds.
+        tumbled: tilted for too long, or upside down.
+        silent: the last set-point is so old that the drone levels out.
+        link_lost: the last set-point is so old that the motors stop.
+        emergency: an emergency stop was requested.
+        crashed: it tumbled in flight, and nobody has asked for recovery.
+        preflight_over: ready to fly for too long without flying.
+        landing_over: landed for too long without flying.
+    """
 
     armed: BoolArray
     flying: BoolArray
@@ -119,11 +131,12 @@ class Firmware:
     """The memory of N drones' firmware and the events that change it.
 
     Attributes:
-        state: (N,) State.
-        thrust_locked: (N,) waiting for a packet with thrust 0.
-        armed, emergency, crashed, tumbled: (N,) flags of the supervisor.
-        battery_low, powered: (N,) of the power management.
-        high_level: the planners; their commands.
+        state: (N,) values of State.
+        thrust_locked: (N,) whether thrust is ignored until a packet with thrust 0 comes.
+        armed, emergency, crashed, tumbled: (N,) flags of the supervisor, see Conditions.
+        battery_low: (N,) whether the battery has been low for five seconds.
+        powered: (N,) whether the drone is switched on.
+        high_level: the drones' high-level commanders, which take commands such as take-off.
     """
 
     def __init__(self, profile: VehicleProfile, count: int, *, absolute_yaw: bool = False) -> None:
@@ -188,7 +201,8 @@ class Firmware:
     def receive(self, index: int, roll: float, pitch: float, yaw: float, thrust: float, now: int) -> None:
         """Decode a set-point packet: crtp_commander_rpyt.c crtpCommanderRpytDecodeSetpoint.
 
-        It takes the priority from the high-level commander, whose planner stops: commander.c commanderSetSetpoint.
+        It takes the priority from the high-level commander, whose planner stops: commander.c commanderSetSetpoint. The
+        firmware does not check angles for NaN; `control` has what comes of one.
 
         Args:
             index: the receiver.
@@ -197,8 +211,6 @@ class Firmware:
             yaw: deg/s positive clockwise, the legacy sign; with absolute_yaw deg positive counter-clockwise.
             thrust: 0..65535. Fractions, which the packet drops, are kept: the motors round more coarsely.
             now: ms.
-
-        Angles are not checked for NaN, here as there.
 
         Raises:
             FlatsatError: the thrust does not fit the packet.
@@ -222,21 +234,23 @@ class Firmware:
     def notify_setpoints_stop(self, index: int) -> None:
         """Give the priority back to the high-level commander: commander.c commanderRelaxPriority.
 
-        Until its next turn the last set-point stays in force; then it is the planner's, or null if that is stopped.
+        The last set-point stays in force until that commander next runs; then its own takes over, a null one if its
+        planner is stopped.
         """
         self._relaxed[index] = True
 
     def plan(self, now: int, position: FloatArray, velocity: FloatArray, yaw: FloatArray) -> None:
         """Run the high-level commander and the position controller once, every HIGH_LEVEL_PERIOD.
 
-        stabilizer.c stabilizerTask, controller_pid.c controllerPid. Without the priority the commander plans on and is
-        not heard (commander.c commanderSetSetpoint). Its roll and pitch are ignored while levelling out.
+        stabilizer.c stabilizerTask, controller_pid.c controllerPid. Without the priority the commander plans on, but
+        its set-points are not used (commander.c commanderSetSetpoint). While levelling out,
+        only their yaw and thrust are.
 
         Args:
             now: ms.
-            position: (N, 3) the on-board estimate, m, world.
-            velocity: (N, 3) of it, m/s, world.
-            yaw: (N,) of it, rad.
+            position: (N, 3) m, world, of the on-board estimate.
+            velocity: (N, 3) m/s, world, likewise.
+            yaw: (N,) rad, likewise.
         """
         can_fly = CAN_FLY[self.state]
         self.high_level.update(now, ~can_fly, position, velocity, yaw)
@@ -334,7 +348,7 @@ class Firmware:
 
         A NaN angle makes the integral of that axis' PID NaN, whose output then becomes a torque of 0: nobody controls
         the axis until a thrust of 0 resets the PIDs (pid.c pidUpdate, attitude_pid_controller.c saturateSignedInt16).
-        Without thrust the attitude is in fact left alone; here it is asked to level out, which nobody flies to see.
+        Without thrust the firmware leaves the attitude alone; here it goes level, which only a falling drone shows.
 
         Args:
             dt: since the last call, s.

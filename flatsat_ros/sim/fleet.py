@@ -41,9 +41,9 @@ class _Packet(NamedTuple):
 class SimulatedFleet:
     """N drones of one kind in one room.
 
-    Everything is a function of the arguments, the commands and their times: the same seed gives the same flight, and
-    how advance_to is chopped makes no difference. Integration is on a fixed grid of STEP; the state is that of the
-    last grid time, `time`, at or before the one advanced to.
+    Everything is a function of the arguments, the commands and their times: the same seed gives the same flight,
+    whether advance_to is called once or for many small steps. Integration is on a fixed grid of STEP; the state is that
+    of the last grid time, `time`, at or before the one advanced to.
 
     Attributes:
         count: N.
@@ -82,7 +82,8 @@ class SimulatedFleet:
             yaw: (N,) or scalar, initial yaw, rad.
             flying: start in the air, hovering, thrust unlocked, instead of booting on the floor.
             seed: of gusts, noise and drop-out.
-            stream: number of this fleet among those that share a room: the same gusts, but noise of their own.
+            stream: number of this fleet among those that share a room, 0 or more: fleets with the same seed have the
+                same gusts, and each stream has noise of its own.
             floor: height of the floor, m.
             wind: still air by default. Without drag, so with ideal dynamics, wind does nothing.
             capture: motion capture without faults at 100 Hz by default.
@@ -154,9 +155,10 @@ class SimulatedFleet:
     def take_off(self, index: int, height: float, duration: float, yaw: float | None = None) -> None:
         """Send the high-level command to rise straight to a height and hover there, at the time advanced to.
 
-        What the firmware refuses it refuses silently, as over the air: see firmware and high_level. No set-point must
-        have been sent since the last notify_setpoints_stop, or it is not heard. It needs no unlocked thrust and does
-        not unlock it, so after it a set-point with thrust cuts the motors unless one with thrust 0 came before.
+        Nothing tells the sender what the firmware refuses, as on the radio: see firmware and high_level. The command
+        does not move the drone while set-points have the priority, that is if one was sent since the last
+        notify_setpoints_stop. It works whether or not the thrust is locked, and leaves the lock as it is: if it is
+        closed, the next set-point cuts the motors, whatever its thrust.
 
         Args:
             index: the receiver.
@@ -196,7 +198,7 @@ class SimulatedFleet:
     def notify_setpoints_stop(self, index: int) -> None:
         """Tell a drone that no more set-points will come, at the time advanced to: its high-level commander takes over.
 
-        In the air a high-level command, as go_to by 0, relative, must follow at once: without one the motors stop.
+        In the air a high-level command must follow at once, such as a relative go_to by 0: without one the motors stop.
 
         Raises:
             FlatsatError: no such drone.
@@ -223,7 +225,7 @@ class SimulatedFleet:
         return self.bodies.position.copy(), self.bodies.quaternion
 
     def measurements(self, time: float) -> list[Sample]:
-        """Return, each once, the motion capture samples released until time, s; unread ones are kept."""
+        """Return the motion capture samples that were released until a time, s; each is returned once."""
         return self._recorder.release(time)
 
     def _advance(self) -> None:

@@ -65,9 +65,9 @@ class HighLevelCommander:
     """The planners of N drones.
 
     Attributes:
-        following: (N,) on a trajectory or hovering at its end; else the planner wants the motors off.
-        blocked: (N,) the supervisor does not let the drone fly: commands are refused.
-        goal: (4, N) x, y, z, m, and yaw, rad, of those that are following, as of the last update.
+        following: (N,) whether the drone is on a trajectory or hovers at its end; else the planner stops the motors.
+        blocked: (N,) whether the supervisor forbids the drone to fly: commands are refused.
+        goal: (4, N) x, y, z, m, and yaw, rad, of the drones that are following, as of the last update.
     """
 
     def __init__(self, count: int) -> None:
@@ -84,15 +84,15 @@ class HighLevelCommander:
     def update(self, now: int, blocked: BoolArray, position: FloatArray, velocity: FloatArray, yaw: FloatArray) -> None:
         """Move the goals on: crtp_commander_high_level.c crtpCommanderHighLevelGetSetpoint, crtpCommanderBlock.
 
-        Whoever is not following starts the next trajectory from the state told here. On board notify_setpoints_stop
-        tells it anew (commander.c commanderRelaxPriority); that is the same state, at most one period younger.
+        A drone that is not following starts its next trajectory from the state given here. On board
+        notify_setpoints_stop gives the state once more (commander.c commanderRelaxPriority), at most one period later.
 
         Args:
             now: ms.
-            blocked: (N,) supervisor.c supervisorCanFly, negated: the planner stops.
-            position: (N, 3) m, world.
-            velocity: (N, 3) m/s, world.
-            yaw: (N,) rad.
+            blocked: (N,) the negation of supervisor.c supervisorCanFly: the planner stops.
+            position: (N, 3) m, world, of the on-board estimate.
+            velocity: (N, 3) m/s, world, likewise.
+            yaw: (N,) rad, likewise.
         """
         self._position, self._velocity, self._yaw = position, velocity, yaw
         self.blocked = blocked
@@ -121,7 +121,7 @@ class HighLevelCommander:
     def land(self, index: int, height: float, duration: float, yaw: float | None, now: int) -> bool:
         """Sink straight to a height and stop the motors; False if blocked or landing: planner.c plan_land.
 
-        The arguments are those of take_off. From a stopped planner too: the motors start.
+        The arguments are those of take_off. A stopped planner takes it too: then the motors start for it.
         """
         if self.blocked[index] or (self.following[index] and self._landing[index]):
             return False
@@ -145,8 +145,8 @@ class HighLevelCommander:
         if self.following[index]:
             start, rate, acceleration = self._planned(index, now)
             # pptraj.c poly4d_eval: the yaw rate is seen from the tilted body
-            pushed = acceleration[:3] + (0.0, 0.0, GRAVITY)
-            rate[3] *= pushed[2] / np.linalg.norm(pushed)
+            thrust = acceleration[:3] + (0.0, 0.0, GRAVITY)
+            rate[3] *= thrust[2] / np.linalg.norm(thrust)
             acceleration[3] = 0.0
         else:
             start, acceleration = self._told(index), np.zeros(4)
@@ -156,7 +156,7 @@ class HighLevelCommander:
         return True
 
     def stop(self, index: int) -> None:
-        """Forget the trajectory and want the motors off: planner.c plan_stop."""
+        """Forget the trajectory and stop the motors: planner.c plan_stop."""
         self.following[index] = False
 
     def _rise(self, index: int, height: float, duration: float, yaw: float | None, now: int) -> None:
@@ -201,8 +201,8 @@ class HighLevelCommander:
 class PositionController:
     """A position loop around a velocity loop, both along the drone's heading: position_controller_pid.c.
 
-    Its goal is the position alone: the planned velocity is not fed forward, so a drone trails its goal by half a
-    second of flight (kff is 0; mode modeAbs).
+    Its goal is the position alone: the planned velocity is not fed forward (kff is 0; mode modeAbs), so a drone stays
+    behind a moving goal by the way that the goal covers in half a second.
     """
 
     def __init__(self, count: int, thrust_base: float) -> None:
@@ -210,8 +210,8 @@ class PositionController:
 
         Args:
             count: N.
-            thrust_base: PWM at which the controller takes every drone to hover; what is wrong with it the integral
-                of the velocity error finds out in flight.
+            thrust_base: PWM at which the controller takes every drone to hover; in flight the integral of the velocity
+                error makes up for a wrong one.
         """
         self._base = thrust_base
         # height error, m s; velocity errors ahead, left and up, m. Their limit of 5000 is out of reach (pid.h)
@@ -227,7 +227,7 @@ class PositionController:
             position: (3, N) m, world.
             velocity: (3, N) m/s, world.
             yaw: (N,) rad.
-            fresh: (N,) begin with empty integrals (controller_pid.c setpointModeChanged).
+            fresh: (N,) whether to begin with integrals of 0 (controller_pid.c setpointModeChanged).
 
         Returns:
             (N,) roll and pitch, rad, and (N,) thrust, PWM.

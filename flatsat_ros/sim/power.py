@@ -1,4 +1,4 @@
-"""From thrust command to force: battery, voltage compensation, motor command in steps."""
+"""From the thrust command to the force: battery, voltage compensation, rounding of the motor command."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ class Battery:
 class PowerTrain:
     """Battery and motors as the firmware drives them.
 
-    The firmware wants a force linear in PWM: it inverts the motor's force curve, divides by the (low-passed) battery
+    The firmware makes the force linear in PWM: it inverts the motor's force curve, divides by the (low-passed) battery
     voltage and rounds down to the resolution of the motor command (motors.c, motorsCompensateBatteryVoltage and
-    motorsConv16ToBits). So force falls with the battery only once the motor command is full.
+    motorsConv16ToBits). So the force falls with the battery only where the motor command would have to exceed 1.
 
     Attributes:
         voltage: (N,) battery voltage under load, V.

@@ -1,4 +1,4 @@
-"""What motion capture makes of the truth: samples at a rate, with noise, losses and delay."""
+"""Simulated motion capture: samples of the true poses at a rate, with noise, losses and delay."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _ROUNDING = 1e-9  # s: times closer than this are the same
 
 
 class Sample(NamedTuple):
-    """One pose.
+    """One measured pose of one drone.
 
     Attributes:
-        stamp: when it was true, s.
-        drone: whose it is, the index in the fleet.
+        stamp: time of the measurement, s.
+        drone: index in the fleet.
         position: (3,) m, world.
         quaternion: (4,) x, y, z, w; body -> world.
     """
@@ -32,14 +32,14 @@ class Sample(NamedTuple):
 
 @dataclass(frozen=True)
 class MotionCapture:
-    """A motion capture system; by default one without faults.
+    """The properties of a motion capture system; by default it has no faults.
 
     Attributes:
         rate: samples of each drone per second, Hz; a sample falls on the first integration step at or after its time.
         noise: standard deviation of the position per axis, m.
-        dropout: probability that a sample of a drone is lost, each by itself.
-        gaps: (start, end) times without any sample, s.
-        latency: from the true stamp to the release, s.
+        dropout: probability that a sample of a drone is lost, independently of all others.
+        gaps: pairs (start, end) of times, s, between which there is no sample of any drone.
+        latency: time from the stamp of a sample to its release, s.
     """
 
     rate: float = 100.0
@@ -57,7 +57,7 @@ class MotionCapture:
 
 
 class Recorder:
-    """Takes the samples of a fleet and hands them out when they are due."""
+    """Samples a fleet and hands out each sample when its latency is over; times are seconds of simulated time."""
 
     def __init__(self, capture: MotionCapture, generator: np.random.Generator) -> None:
         self._capture = capture
@@ -70,7 +70,13 @@ class Recorder:
         return time >= self._taken / self._capture.rate - _ROUNDING
 
     def take(self, time: float, position: FloatArray, quaternion: FloatArray) -> None:
-        """Sample (N, 3) positions and (N, 4) quaternions; random numbers are drawn whatever is lost."""
+        """Sample all drones; what is lost draws the same random numbers, so that it changes nothing for the others.
+
+        Args:
+            time: the present, s.
+            position: (N, 3) m, world.
+            quaternion: (N, 4) x, y, z, w; body -> world.
+        """
         self._taken += 1
         noisy = position + self._capture.noise * self._generator.standard_normal(position.shape)
         kept = self._generator.random(len(position)) >= self._capture.dropout
@@ -79,7 +85,7 @@ class Recorder:
         self._waiting.extend(Sample(time, int(i), noisy[i], quaternion[i]) for i in np.flatnonzero(kept))
 
     def release(self, time: float) -> list[Sample]:
-        """Return, once, the samples released until time."""
+        """Return the samples whose latency is over at a time, s, in order; each is returned once."""
         released = []
         while self._waiting and self._waiting[0].stamp + self._capture.latency <= time + _ROUNDING:
             released.append(self._waiting.popleft())
