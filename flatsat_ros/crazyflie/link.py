@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from flatsat_ros.base.errors import FlatsatError, require
-from flatsat_ros.crazyflie.wire import WireSetpoint
+from flatsat_ros.crazyflie.wire import WireSetpoint, YawMode
 
 S = TypeVar("S", bound=Hashable)
 P = TypeVar("P")
@@ -160,12 +160,12 @@ class Farewell:
     Attributes:
         descent: duration of the level descent, s; 0 stops the motors at once.
         thrust: during the descent, PWM.
-        keeps_yaw: whether the yaw on the wire is an angle, which the descent keeps; a yaw rate is set to 0.
+        yaw_mode: what the yaw on the wire means: the descent keeps an angle and sets a rate to 0.
     """
 
     descent: float
     thrust: float
-    keeps_yaw: bool = False
+    yaw_mode: YawMode = YawMode.RATE
 
     def setpoint(self, elapsed: float, yaw: float) -> WireSetpoint | None:
         """Return the set-point to send, None when the last one was sent.
@@ -175,5 +175,5 @@ class Farewell:
             yaw: of the last set-point before that, in the units of the wire.
         """
         if elapsed < self.descent:
-            return REST._replace(thrust=self.thrust, yaw=yaw if self.keeps_yaw else 0.0)
+            return REST._replace(thrust=self.thrust, yaw=yaw if self.yaw_mode is YawMode.ANGLE else 0.0)
         return REST if elapsed < self.descent + ZERO_TIME else None

@@ -1,23 +1,45 @@
 """From SI set-points to what the Crazyflie's radio link carries, and back: signs, degrees, PWM, clamps.
 
 The contract is crazyswarm2's `cmd_vel_legacy`: roll and pitch in degrees, thrust as PWM from 0 to pwm_max. Its two back
-ends disagree on the sign of the pitch: cpp takes ours, cflib the opposite. What the yaw means is up to the drone's
-parameter flightmode.stabModeYaw: 0, a rate in degrees per second positive CLOCKWISE; 1, an angle in degrees positive
-counter-clockwise (crtp_commander_rpyt.c).
+ends disagree on the sign of the pitch (`Backend`); what the yaw means is up to a parameter of the drone (`YawMode`).
 """
 
 from __future__ import annotations
 
 import math
+from enum import Enum
 from typing import NamedTuple
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 
-# sign of the pitch by crazyswarm2 back end
-PITCH_SIGN = {"cpp": 1.0, "cflib": -1.0}
-# sign of the yaw by what it means: rate for flightmode.stabModeYaw 0, angle for 1
-YAW_SIGN = {"rate": -1.0, "angle": 1.0}
+
+class Backend(str, Enum):
+    """Crazyswarm2's back end that the set-points go to."""
+
+    CPP = "cpp"
+    CFLIB = "cflib"
+
+    @property
+    def pitch_sign(self) -> float:
+        """Sign of the pitch on the wire: cpp takes ours, cflib the opposite."""
+        return 1.0 if self is Backend.CPP else -1.0
+
+
+class YawMode(str, Enum):
+    """What the yaw on the wire means: the drone's parameter flightmode.stabModeYaw (crtp_commander_rpyt.c).
+
+    RATE: stabModeYaw 0, a yaw rate in degrees per second, positive CLOCKWISE seen from above.
+    ANGLE: stabModeYaw 1, the yaw itself in degrees, positive counter-clockwise.
+    """
+
+    RATE = "rate"
+    ANGLE = "angle"
+
+    @property
+    def sign(self) -> float:
+        """Sign of the yaw on the wire, over ours: counter-clockwise."""
+        return -1.0 if self is YawMode.RATE else 1.0
 
 
 class WireSetpoint(NamedTuple):
@@ -25,7 +47,7 @@ class WireSetpoint(NamedTuple):
 
     roll: float  # degrees
     pitch: float  # degrees
-    yaw: float  # degrees per second, positive clockwise seen from above; or degrees, positive counter-clockwise
+    yaw: float  # as YawMode says
     thrust: float  # PWM
 
 
@@ -35,8 +57,8 @@ def setpoint_from_input(
     pitch: float,
     yaw: float,
     vehicle: VehicleProfile,
-    backend: str = "cpp",
-    yaw_mode: str = "rate",
+    backend: Backend = Backend.CPP,
+    yaw_mode: YawMode = YawMode.RATE,
 ) -> WireSetpoint:
     """Return the wire set-point of an input.
 
@@ -44,43 +66,32 @@ def setpoint_from_input(
         thrust: T, m/s^2, normalised by the mass.
         roll: phi, rad.
         pitch: theta, rad.
-        yaw: psi rate, rad/s, or psi, rad; counter-clockwise.
+        yaw: psi rate, rad/s, or psi, rad, as yaw_mode says; counter-clockwise.
         vehicle: mass and thrust map.
-        backend: a key of PITCH_SIGN.
-        yaw_mode: a key of YAW_SIGN.
+        backend: gives the sign of the pitch.
+        yaw_mode: what the yaw means.
 
     Raises:
-        FlatsatError: a value is not finite, for such a set-point must never reach the radio, or there is no such back
-            end or yaw mode.
+        FlatsatError: a value is not finite: such a set-point must never reach the radio.
     """
     if not math.isfinite(thrust + roll + pitch + yaw):
         raise FlatsatError(f"set-point (T, phi, theta, yaw) = ({thrust}, {roll}, {pitch}, {yaw}): must be finite")
     pwm = min(max(float(vehicle.pwm_from_thrust(thrust)), 0.0), float(vehicle.pwm_max))
-    signs = _signs(backend, yaw_mode)
-    return WireSetpoint(math.degrees(roll), signs[0] * math.degrees(pitch), signs[1] * math.degrees(yaw), pwm)
-
-
-def input_from_setpoint(
-    setpoint: WireSetpoint, vehicle: VehicleProfile, backend: str = "cpp", yaw_mode: str = "rate"
-) -> tuple[float, float, float, float]:
-    """Return (T m/s^2, phi rad, theta rad, yaw) of a wire set-point; yaw as a rate, rad/s, or an angle, rad.
-
-    Raises:
-        FlatsatError: there is no such back end or yaw mode.
-    """
-    signs = _signs(backend, yaw_mode)
-    return (
-        float(vehicle.thrust_from_pwm(setpoint.thrust)),
-        math.radians(setpoint.roll),
-        signs[0] * math.radians(setpoint.pitch),
-        signs[1] * math.radians(setpoint.yaw),
+    return WireSetpoint(
+        math.degrees(roll), backend.pitch_sign * math.degrees(pitch), yaw_mode.sign * math.degrees(yaw), pwm
     )
 
 
-def _signs(backend: str, yaw_mode: str) -> tuple[float, float]:
-    """Return the signs of pitch and yaw on the wire."""
-    try:
-        return PITCH_SIGN[backend], YAW_SIGN[yaw_mode]
-    except KeyError as error:
-        valid = f"{' or '.join(PITCH_SIGN)}, and {' or '.join(YAW_SIGN)}"
-        raise FlatsatError(f"back end {backend!r}, yaw mode {yaw_mode!r}: must be {valid}") from error
+def input_from_setpoint(
+    setpoint: WireSetpoint,
+    vehicle: VehicleProfile,
+    backend: Backend = Backend.CPP,
+    yaw_mode: YawMode = YawMode.RATE,
+) -> tuple[float, float, float, float]:
+    """Return (T m/s^2, phi rad, theta rad, yaw) of a wire set-point; yaw as a rate, rad/s, or an angle, rad."""
+    return (
+        float(vehicle.thrust_from_pwm(setpoint.thrust)),
+        math.radians(setpoint.roll),
+        backend.pitch_sign * math.radians(setpoint.pitch),
+        yaw_mode.sign * math.radians(setpoint.yaw),
+    )

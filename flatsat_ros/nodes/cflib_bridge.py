@@ -12,6 +12,7 @@ import socket
 import sys
 from collections import Counter
 from collections.abc import Callable, Sequence
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,8 +37,21 @@ _DIAGNOSTICS_PERIOD = 1.0  # s
 _PATIENCE = 0.05  # s
 # supervisor.c: bits of supervisor.info that end a flight
 _TUMBLED, _LOCKED, _CRASHED = 1 << 5, 1 << 6, 1 << 7
-_EXTERNAL = ("none", "position", "pose")
-_ENDS = ("stop", "land")
+
+
+class ExternalPose(str, Enum):
+    """What of an external pose is sent to the drones."""
+
+    NONE = "none"
+    POSITION = "position"
+    POSE = "pose"
+
+
+class OnShutdown(str, Enum):
+    """How drones that were flown are left when the bridge ends."""
+
+    STOP = "stop"
+    LAND = "land"
 
 
 class CflibBridge(Node):  # type: ignore[misc]
@@ -60,7 +74,7 @@ class CflibBridge(Node):  # type: ignore[misc]
             unit="Hz",
             bounds=(0.0, 100.0),
         )
-        external = declare_choice(self, "external_pose", _EXTERNAL, "what of the external pose is sent to the drones")
+        external = declare_choice(self, "external_pose", ExternalPose, "what of external poses is sent to the drones")
         self._publishes_pose = pose_rate > 0.0
         settings = cflib_link.Settings(
             pose_period=10 * max(round(100.0 / pose_rate), 1) if pose_rate else 0,
@@ -72,12 +86,12 @@ class CflibBridge(Node):  # type: ignore[misc]
         )  # fmt: skip
         self._refused: Counter[str] = Counter()
         cflib_link.initialise()
-        self.links = self._links(addresses, 1 if external == "none" else 2, settings, cflib_link)
+        self.links = self._links(addresses, 1 if external is ExternalPose.NONE else 2, settings, cflib_link)
         for link in self.links:
             self._connect(link)
         suffix = declare(self, "external_pose_topic", "mocap_pose", "name of the external pose, below the robot's")
-        if external != "none":
-            self._locate(suffix, with_attitude=external == "pose")
+        if external is not ExternalPose.NONE:
+            self._locate(suffix, with_attitude=external is ExternalPose.POSE)
         everybody = interfaces.drone_service_of(interfaces.ALL, interfaces.EMERGENCY)
         self.create_service(Empty, everybody, lambda _, answer: self._on_emergency(self.links, answer))
         self._diagnostics = self.create_publisher(
@@ -110,12 +124,12 @@ class CflibBridge(Node):  # type: ignore[misc]
 
     def _farewells(self) -> dict[str, Farewell]:
         """Return how each drone is left."""
-        end = declare_choice(self, "on_shutdown", _ENDS, "how drones that were flown are left")
+        end = declare_choice(self, "on_shutdown", OnShutdown, "how drones that were flown are left")
         time = declare(self, "land_time", 3.0, "level descent before the motors stop", unit="s", bounds=(0.1, 60.0))
-        descent, is_angle = time if end == "land" else 0.0, declare_yaw_mode(self) == "angle"
+        descent, yaw_mode = time if end is OnShutdown.LAND else 0.0, declare_yaw_mode(self)
         sinking = Policy.level_thrust * GRAVITY
         return {
-            robot: Farewell(descent, float(vehicle.pwm_from_thrust(sinking)), is_angle)
+            robot: Farewell(descent, float(vehicle.pwm_from_thrust(sinking)), yaw_mode)
             for robot, vehicle in self._vehicles.items()
         }
 

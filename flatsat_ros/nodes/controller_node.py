@@ -23,7 +23,7 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.certificate.sets import Place
-from flatsat_ros.crazyflie.wire import PITCH_SIGN, setpoint_from_input
+from flatsat_ros.crazyflie.wire import Backend, YawMode, setpoint_from_input
 from flatsat_ros.flight import telemetry
 from flatsat_ros.flight.pilot import Pilot, Tick
 from flatsat_ros.flight.reference import Trajectory
@@ -84,9 +84,7 @@ class ControllerNode(Node):  # type: ignore[misc]
         )
         self._certificate = load_certificate(certificate)
         self._vehicles = declare_vehicles(self, robots)
-        self._backend = declare_choice(
-            self, "backend", list(PITCH_SIGN), "crazyswarm2 back end, gives the sign of the pitch"
-        )
+        self._backend = declare_choice(self, "backend", Backend, "crazyswarm2 back end, gives the sign of the pitch")
         self._yaw_mode = declare_yaw_mode(self)
         for robot, vehicle in zip(self.robots, self._vehicles, strict=True):
             if self._certificate.limits.thrust_max > vehicle.thrust_max:
@@ -265,7 +263,7 @@ class ControllerNode(Node):  # type: ignore[misc]
 
     def _publish_command(self, index: int, command: FloatArray, yaw_rate: float, tick: Tick, scale: float) -> None:
         thrust, roll, pitch = command.tolist()
-        turn = yaw_rate if self._yaw_mode == "rate" else float(tick.yaw[index])
+        turn = yaw_rate if self._yaw_mode is YawMode.RATE else float(tick.yaw[index])
         vehicle, asked = self._vehicles[index], thrust / scale
         setpoint = setpoint_from_input(asked, roll, pitch, turn, vehicle, self._backend, self._yaw_mode)
         messages.fill_command(self._command, setpoint)

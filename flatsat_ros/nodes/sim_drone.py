@@ -93,7 +93,7 @@ class SimDrone(Node):  # type: ignore[misc]
                 self, "dynamics", "identified", "ideal: double integrator; identified: with attitude, lag, drag"
             ),
             "yaw": declare(self, "start_yaw", 0.0, "initial yaw of every drone", unit="rad", bounds=(-np.pi, np.pi)),
-            "absolute_yaw": declare_yaw_mode(self) == "angle",
+            "yaw_mode": declare_yaw_mode(self),
             "seed": declare(self, "seed", 0, "seed of noise, drop-out and gusts", bounds=(0, 2**31 - 1)),
             "thrust_scale": declare(
                 self, "thrust_scale", 1.0, "force over what the vehicle profile promises", bounds=(0.1, 10.0)

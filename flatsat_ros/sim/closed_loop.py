@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
-from flatsat_ros.crazyflie.wire import WireSetpoint, setpoint_from_input
+from flatsat_ros.crazyflie.wire import WireSetpoint, YawMode, setpoint_from_input
 from flatsat_ros.flight.pilot import Pilot, Tick
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.sim.fleet import SimulatedFleet
@@ -39,7 +39,6 @@ def fly(
         The time of the next tick, s: the first of start, start + h, ... that is not before until.
     """
     period = pilot.certificate.period
-    yaw_mode = "angle" if fleet.absolute_yaw else "rate"
     ticks = max(0, math.ceil((until - start) / period - _ROUNDING))
     for number in range(ticks):
         now = start + number * period
@@ -49,12 +48,14 @@ def fly(
             pilot.measure(sample.drone, sample.stamp, sample.position.tolist(), sample.quaternion.tolist(), now)
         tick = pilot.tick(now)
         sent = {}
-        yaw = tick.yaw if fleet.absolute_yaw else tick.yaw_rate
+        yaw = tick.yaw if fleet.yaw_mode is YawMode.ANGLE else tick.yaw_rate
         for index, mode in enumerate(tick.mode):
             if mode != Mode.IDLE:
                 thrust, roll, pitch = tick.input[index].tolist()
                 asked = thrust / float(tick.thrust_scale[index])
-                sent[index] = setpoint_from_input(asked, roll, pitch, float(yaw[index]), vehicle, yaw_mode=yaw_mode)
+                sent[index] = setpoint_from_input(
+                    asked, roll, pitch, float(yaw[index]), vehicle, yaw_mode=fleet.yaw_mode
+                )
                 fleet.command(index, *sent[index])
         observe(now, samples, tick, sent)
     return start + ticks * period

@@ -18,6 +18,7 @@ import numpy as np
 from flatsat_ros.base.arrays import BoolArray, FloatArray, IntArray
 from flatsat_ros.base.errors import require
 from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile
+from flatsat_ros.crazyflie.wire import YawMode
 from flatsat_ros.sim.high_level import HighLevelCommander, PositionController
 
 SUPERVISOR_PERIOD = 40  # ms; stabilizer_types.h RATE_SUPERVISOR, 25 Hz
@@ -139,17 +140,17 @@ class Firmware:
         high_level: the drones' high-level commanders, which take commands such as take-off.
     """
 
-    def __init__(self, profile: VehicleProfile, count: int, *, absolute_yaw: bool = False) -> None:
+    def __init__(self, profile: VehicleProfile, count: int, *, yaw_mode: YawMode = YawMode.RATE) -> None:
         """Boot.
 
         Args:
             profile: the drones' kind.
             count: N.
-            absolute_yaw: flightmode.stabModeYaw 1: the yaw value of a packet is an angle, not a rate.
+            yaw_mode: what the yaw of a packet means, flightmode.stabModeYaw.
         """
         self._profile = profile
         self._auto_arming = not profile.motors.arming_required
-        self._absolute_yaw = absolute_yaw
+        self._yaw_mode = yaw_mode
         self.high_level = HighLevelCommander(count)
         self._position_controller = PositionController(count, profile.motors.hover_pwm)
         self.state = np.zeros(count, dtype=np.int64)
@@ -180,7 +181,7 @@ class Firmware:
         self.thrust_locked[index] = True  # crtp_commander_rpyt.c, initial value
         self._relaxed[index] = True  # commander.c commanderInit: no priority yet
         self._setpoint[:, index] = 0.0
-        self._yaw_is_angle[index] = self._absolute_yaw
+        self._yaw_is_angle[index] = self._yaw_mode is YawMode.ANGLE
         self._positioned[index] = False
         self._lost[:, index] = False
         for times in (self._received, self._thrusting, self._tilted, self._ready, self._landed):
@@ -193,7 +194,7 @@ class Firmware:
         self.state[:] = State.FLYING
         self.thrust_locked[:] = self._relaxed[:] = False
         self._yaw_goal = yaw
-        if self._absolute_yaw:
+        if self._yaw_mode is YawMode.ANGLE:
             self._setpoint[2] = yaw
         self._setpoint[3] = thrust
         self._received[:] = self._thrusting[:] = 0
@@ -208,7 +209,7 @@ class Firmware:
             index: the receiver.
             roll: deg, positive toward -y.
             pitch: deg, positive toward +x (the packet itself carries its negative).
-            yaw: deg/s positive clockwise, the legacy sign; with absolute_yaw deg positive counter-clockwise.
+            yaw: deg/s or deg, as yaw_mode says.
             thrust: 0..65535. Fractions, which the packet drops, are kept: the motors round more coarsely.
             now: ms.
 
@@ -222,10 +223,10 @@ class Firmware:
             self.thrust_locked[index] = False
         ignored = self.thrust_locked[index] or thrust < THRUST_MIN
         accepted = 0.0 if ignored else min(thrust, self._profile.pwm_max)
-        angles = np.deg2rad((roll, pitch, yaw if self._absolute_yaw else -yaw))
+        angles = np.deg2rad((roll, pitch, self._yaw_mode.sign * yaw))
         self._setpoint[:3, index] = np.where(np.isfinite(angles), angles, np.nan)
         self._setpoint[3, index] = accepted
-        self._yaw_is_angle[index] = self._absolute_yaw
+        self._yaw_is_angle[index] = self._yaw_mode is YawMode.ANGLE
         self._received[index] = now
         self._relaxed[index] = False
         self._positioned[index] = False

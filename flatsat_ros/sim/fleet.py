@@ -14,6 +14,7 @@ from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import require
 from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile
+from flatsat_ros.crazyflie.wire import YawMode
 from flatsat_ros.sim.dynamics import STEP, Bodies, Ideal, Identified, Response, Wind
 from flatsat_ros.sim.firmware import SUPERVISOR_PERIOD, Firmware
 from flatsat_ros.sim.high_level import HIGH_LEVEL_PERIOD
@@ -47,7 +48,7 @@ class SimulatedFleet:
 
     Attributes:
         count: N.
-        absolute_yaw: what the yaw of a set-point means.
+        yaw_mode: what the yaw of a set-point means.
         firmware: supervisor states, flags, `info()`; arming, emergency and recovery requests.
         bodies: the true state.
         power: battery voltages.
@@ -70,7 +71,7 @@ class SimulatedFleet:
         battery: Battery | None = None,
         thrust_scale: ArrayLike = 1.0,
         command_delay: float = 0.0,
-        absolute_yaw: bool = False,
+        yaw_mode: YawMode = YawMode.RATE,
     ) -> None:
         """Switch the drones on at time 0.
 
@@ -90,7 +91,7 @@ class SimulatedFleet:
             battery: one that never changes by default.
             thrust_scale: (N,) or scalar, actual force over the force the profile promises.
             command_delay: from command() to the drone, s, besides the profile's dead time.
-            absolute_yaw: flightmode.stabModeYaw 1.
+            yaw_mode: what the yaw of a set-point means, flightmode.stabModeYaw.
 
         Raises:
             FlatsatError: an argument is out of its bounds.
@@ -110,10 +111,10 @@ class SimulatedFleet:
         response: Response = Ideal() if ideal else Identified(profile.dynamics)
         train = IdealPowerTrain if ideal else PowerTrain
         self.count = count
-        self.absolute_yaw = absolute_yaw
+        self.yaw_mode = yaw_mode
         heading = _per_drone("yaw", yaw, count)
         self.bodies = Bodies(response, position, heading, thrust=GRAVITY if flying else 0.0, floor=floor)
-        self.firmware = Firmware(profile, count, absolute_yaw=absolute_yaw)
+        self.firmware = Firmware(profile, count, yaw_mode=yaw_mode)
         self.power = train(profile, battery or Battery(), count)
         if flying:
             self.firmware.start_flying(float(profile.pwm_from_thrust(GRAVITY)), heading)
@@ -135,14 +136,14 @@ class SimulatedFleet:
         """Time of the state, s: the last grid time at or before the one advanced to."""
         return self._step * STEP
 
-    def command(self, index: int, roll: float, pitch: float, yaw_rate: float, thrust_pwm: float) -> None:
+    def command(self, index: int, roll: float, pitch: float, yaw: float, thrust_pwm: float) -> None:
         """Send a set-point, as cmd_vel_legacy carries it, at the time advanced to.
 
         Args:
             index: the receiver.
             roll: deg, positive toward -y.
             pitch: deg, positive toward +x (crazyswarm2's cpp back-end).
-            yaw_rate: deg/s, positive CLOCKWISE; with absolute_yaw the yaw, deg, positive counter-clockwise.
+            yaw: deg/s or deg, as yaw_mode says.
             thrust_pwm: 0..65535; clipped by the firmware, not here.
 
         Raises:
@@ -150,7 +151,7 @@ class SimulatedFleet:
         """
         self._check(index)
         require(0.0 <= thrust_pwm <= PWM_FULL, "thrust_pwm", thrust_pwm, f"0 to {PWM_FULL}")
-        self._send(partial(self.firmware.receive, index, roll, pitch, yaw_rate, thrust_pwm))
+        self._send(partial(self.firmware.receive, index, roll, pitch, yaw, thrust_pwm))
 
     def take_off(self, index: int, height: float, duration: float, yaw: float | None = None) -> None:
         """Send the high-level command to rise straight to a height and hover there, at the time advanced to.

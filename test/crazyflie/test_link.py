@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.link import REST, ZERO_TIME, Address, Farewell, Lane, sendable
-from flatsat_ros.crazyflie.wire import WireSetpoint
+from flatsat_ros.crazyflie.wire import WireSetpoint, YawMode
 
 LIFETIME = 0.25
 HOVER = WireSetpoint(1.0, 2.0, 3.0, 40000.0)
@@ -168,6 +168,6 @@ def test_landing_is_a_level_descent_and_then_zero_thrust() -> None:
 
 
 def test_a_descent_keeps_a_yaw_that_is_an_angle() -> None:
-    land = Farewell(3.0, 36000.0, keeps_yaw=True)
+    land = Farewell(3.0, 36000.0, yaw_mode=YawMode.ANGLE)
     assert land.setpoint(2.99, 20.0) == REST._replace(thrust=36000.0, yaw=20.0)
     assert land.setpoint(3.0, 20.0) == REST

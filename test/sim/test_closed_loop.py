@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
-from flatsat_ros.crazyflie.wire import WireSetpoint
+from flatsat_ros.crazyflie.wire import WireSetpoint, YawMode
 from flatsat_ros.flight.pilot import Pilot, Tick
 from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Policy
@@ -32,11 +32,11 @@ class Unseen:
     """A fleet that nobody measures, so that its pilot stays silent: only the clock goes on.
 
     Attributes:
-        absolute_yaw: as of a fleet.
+        yaw_mode: as of a fleet.
         time: advanced to, s.
     """
 
-    absolute_yaw = False
+    yaw_mode = YawMode.RATE
     time = 0.0
 
     def advance_to(self, time: float) -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.wire import YawMode
 from flatsat_ros.sim.firmware import SUPERVISOR_PERIOD, TRANSITIONS, Firmware, State
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.power import Battery
@@ -120,7 +121,7 @@ def test_yaw_is_a_rate_positive_clockwise() -> None:
 
 def test_with_stabmodeyaw_1_yaw_is_an_angle_positive_counter_clockwise_the_shorter_way() -> None:
     """crtp_commander_rpyt.c stabilizationModeYaw ANGLE is not inverted; pid.c pidUpdate isYawAngle."""
-    fleet = flying(absolute_yaw=True, yaw=np.deg2rad(170.0))
+    fleet = flying(yaw_mode=YawMode.ANGLE, yaw=np.deg2rad(170.0))
     stream(fleet, 0.1, HOVER, yaw_rate=-170.0)
     assert np.rad2deg(fleet.bodies.angles[0, 2]) == pytest.approx(190.0)
 

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.wire import YawMode
 from flatsat_ros.law.flatness import acceleration_from_input, input_from_acceleration
 from flatsat_ros.sim.dynamics import STEP, Wind
 from flatsat_ros.sim.fleet import SimulatedFleet
@@ -192,11 +193,9 @@ def test_a_command_acts_after_its_delay(dynamics: str, dead_time: float) -> None
     assert fleet.bodies.angles[0, 0] > 0.0
 
 
-@pytest.mark.parametrize("absolute_yaw", [True, False])
-def test_a_flying_start_hovers_until_the_watchdog_speaks(absolute_yaw: bool) -> None:
-    fleet = SimulatedFleet(
-        CF21, 1, dynamics="ideal", start=[[0, 0, 1]], yaw=2.0, flying=True, absolute_yaw=absolute_yaw
-    )
+@pytest.mark.parametrize("yaw_mode", YawMode)
+def test_a_flying_start_hovers_until_the_watchdog_speaks(yaw_mode: YawMode) -> None:
+    fleet = SimulatedFleet(CF21, 1, dynamics="ideal", start=[[0, 0, 1]], yaw=2.0, flying=True, yaw_mode=yaw_mode)
     fleet.advance_to(2.0)
     assert_allclose(fleet.poses()[0], [[0, 0, 1]], atol=1e-9)
     assert_allclose(fleet.bodies.angles, [[0, 0, 2.0]], atol=1e-9)

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.wire import YawMode
 from flatsat_ros.sim.firmware import State
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.high_level import HIGH_LEVEL_PERIOD
@@ -106,10 +107,10 @@ def test_a_take_off_turns_to_the_yaw_asked_for_or_keeps_the_present_one() -> Non
         assert fleet.bodies.angles[0, 2] == pytest.approx(reached, abs=1e-3)
 
 
-@pytest.mark.parametrize("absolute_yaw", [False, True])
-def test_go_to_flies_to_a_place_and_yaw_of_the_world_or_relative_to_the_present(absolute_yaw: bool) -> None:
+@pytest.mark.parametrize("yaw_mode", YawMode)
+def test_go_to_flies_to_a_place_and_yaw_of_the_world_or_relative_to_the_present(yaw_mode: YawMode) -> None:
     """planner.c plan_go_to_from; the planner's yaw is an angle whatever flightmode.stabModeYaw is."""
-    fleet = hovering(absolute_yaw=absolute_yaw)
+    fleet = hovering(yaw_mode=yaw_mode)
     fleet.go_to(0, [1.0, 0.5, 1.2], math.pi / 2, 3.0)
     wait(fleet, 3.0 + SETTLED)
     assert_allclose(fleet.bodies.position[0], (1.0, 0.5, 1.2), atol=0.03)

@@ -10,7 +10,7 @@ import pytest
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
-from flatsat_ros.crazyflie.wire import WireSetpoint
+from flatsat_ros.crazyflie.wire import WireSetpoint, YawMode
 from flatsat_ros.flight.pilot import Pilot, Tick
 from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Mode, Policy
@@ -169,10 +169,10 @@ def test_a_drone_handed_over_is_not_commanded_any_more() -> None:
     assert len(flight.thrusts) == sent
 
 
-@pytest.mark.parametrize("absolute", [False, True])
-def test_the_drone_turns_to_the_yaw_of_its_goal_by_rate_and_by_angle(absolute: bool) -> None:
+@pytest.mark.parametrize("yaw_mode", YawMode)
+def test_the_drone_turns_to_the_yaw_of_its_goal_by_rate_and_by_angle(yaw_mode: YawMode) -> None:
     pilot = Pilot(CERTIFICATE, Tuning(2.0, 0.05, 1.0, CERTIFICATE.gain_max), Policy(), 1)
-    fleet = SimulatedFleet(VEHICLE, 1, start=[[0.0, 0.0, 0.0]], yaw=-0.5, absolute_yaw=absolute)
+    fleet = SimulatedFleet(VEHICLE, 1, start=[[0.0, 0.0, 0.0]], yaw=-0.5, yaw_mode=yaw_mode)
     pilot.refer(0, Trajectory.hold([0.0, 0.0, 0.6], 2.4))
     fly(pilot, fleet, VEHICLE, 12.0, lambda *_: None)
     assert fleet.bodies.angles[0, 2] == pytest.approx(2.4, abs=0.02)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from enum import Enum
+from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException, ParameterException
@@ -12,7 +13,9 @@ from rclpy.node import Node
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot, read_crazyflies
 from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
-from flatsat_ros.crazyflie.wire import YAW_SIGN
+from flatsat_ros.crazyflie.wire import YawMode
+
+E = TypeVar("E", bound=Enum)
 
 
 def declare(
@@ -60,21 +63,22 @@ def declare(
         raise FlatsatError(f"parameter {name}: {error}") from error
 
 
-def declare_choice(node: Node, name: str, valid: Sequence[str], meaning: str) -> str:
-    """Declare a parameter that is one of a few words, the first by default, and return its value.
+def declare_choice(node: Node, name: str, valid: type[E], meaning: str) -> E:
+    """Declare a parameter that is one of the words of an enum, the first by default, and return its member.
 
     Raises:
-        FlatsatError: it is another one.
+        FlatsatError: it is another word.
     """
-    value = declare(node, name, valid[0], f"{meaning}: {', '.join(valid)}")
-    if value not in valid:
-        raise FlatsatError(f"parameter {name} = {value!r}: must be one of {', '.join(valid)}")
-    return str(value)
+    words = [member.value for member in valid]
+    value = declare(node, name, words[0], f"{meaning}: {', '.join(words)}")
+    if value not in words:
+        raise FlatsatError(f"parameter {name} = {value!r}: must be one of {', '.join(words)}")
+    return valid(value)
 
 
-def declare_yaw_mode(node: Node) -> str:
-    """Declare what the yaw on the wire means, a key of `crazyflie.wire.YAW_SIGN`."""
-    return declare_choice(node, "yaw_mode", list(YAW_SIGN), "the yaw on the wire, flightmode.stabModeYaw 0 or 1")
+def declare_yaw_mode(node: Node) -> YawMode:
+    """Declare what the yaw on the wire means."""
+    return declare_choice(node, "yaw_mode", YawMode, "the yaw on the wire, flightmode.stabModeYaw 0 or 1")
 
 
 def declare_override(node: Node, name: str, meaning: str, unit: str = "") -> float | None:
