@@ -9,16 +9,18 @@ from flatsat_ros.crazyflie.vehicle import (
     VehicleProfile,
     load_vehicle,
 )
-from flatsat_ros.crazyflie.wire import WireSetpoint, input_from_setpoint, setpoint_from_input
+from flatsat_ros.crazyflie.wire import Backend, WireSetpoint, YawMode, input_from_setpoint, setpoint_from_input
 
 __all__ = [
     "AttitudeResponse",
+    "Backend",
     "BatteryLimits",
     "Dynamics",
     "Motors",
     "Robot",
     "VehicleProfile",
     "WireSetpoint",
+    "YawMode",
     "input_from_setpoint",
     "load_vehicle",
     "read_crazyflies",
