@@ -209,3 +209,12 @@ def test_what_is_to_be_changed_is_where_contributing_says(change: str) -> None:
     for file, names in places()[change]:
         text = (ROOT / file).read_text(encoding="utf-8")
         assert [name for name in names if not re.search(rf"\b{re.escape(name)}\b", text)] == [], file
+
+
+def test_every_folder_and_file_of_tests_is_explained() -> None:
+    page = (ROOT / "docs" / "testing.md").read_text(encoding="utf-8")
+    rows = {
+        name for line in page.splitlines() if line.startswith("| `") for name in _SPAN.findall(line.split(" | ")[0])
+    }
+    folders = {f"test/{file.parent.name}" for file in (ROOT / "test").glob("*/test_*.py")}
+    assert rows == folders | {f"test/{file.name}" for file in (ROOT / "test").glob("test_*.py")}

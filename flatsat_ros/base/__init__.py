@@ -1,4 +1,4 @@
-"""What every room stands on: errors and checks, arrays, constants, the files that the package ships. Numpy only."""
+"""What every room stands on: errors, checks, arrays, constants, the packaged files. Numpy and PyYAML only."""
 
 from flatsat_ros.base.arrays import BoolArray, FloatArray, IntArray, finite_array
 from flatsat_ros.base.constants import GRAVITY

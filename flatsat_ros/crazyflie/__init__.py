@@ -1,4 +1,4 @@
-"""The vehicle as the radio sees it: profiles, wire units, crazyflies.yaml, link addresses and queues."""
+"""What is particular to Crazyflies: vehicle profiles, units on the wire, crazyflies.yaml, addresses, queues."""
 
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot, read_crazyflies
 from flatsat_ros.crazyflie.vehicle import (

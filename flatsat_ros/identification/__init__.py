@@ -1,4 +1,4 @@
-"""What recordings and flights say about the vehicle and its motion capture. Numpy only."""
+"""What recordings and flights tell about a vehicle and its motion capture. Numpy only."""
 
 from flatsat_ros.identification.hover import thrust_scale
 from flatsat_ros.identification.recording import Recording, read_csv

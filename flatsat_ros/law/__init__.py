@@ -1,4 +1,4 @@
-"""The paper: flatness map, input set, gain law and, on one page, the controller. Numpy only, pure functions."""
+"""The law of the paper: flatness map, input set, adaptive gain and, on one page, the controller. Numpy only."""
 
 from flatsat_ros.law.controller import Certified, Controller, Memory, Output
 from flatsat_ros.law.flatness import acceleration_from_input, input_from_acceleration

@@ -1,4 +1,4 @@
-"""References made offline: splines through way-points."""
+"""References computed before a flight: smooth paths through way-points. Numpy and scipy only."""
 
 from flatsat_ros.planning.spline import spline_through
 

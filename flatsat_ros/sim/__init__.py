@@ -1,13 +1,13 @@
-"""The drone that is not there: dynamics, Crazyflie firmware behaviour, motors, wind, motion capture; numpy, no ROS.
+"""The simulated Crazyflie: firmware, motors, body, wind and motion capture of N drones. Numpy only.
 
-Wire-level set-points go in, poses come out:
+A `SimulatedFleet` takes set-points as the radio carries them, and high-level commands, and gives poses:
 
-    fleet   command(...), take_off(...) -> firmware -> power train -> body -> motion capture -> measurements(t)
+    command(...), take_off(...) -> firmware -> power train -> body -> motion capture -> measurements(t)
 
-Modelled: the rules by which the firmware gives and takes away thrust, motor commands in steps, battery, identified
-attitude and thrust response, drag, wind with gusts, floor. Left out: ground effect, downwash and collisions between
-drones, the drone's own state estimate (what it controls is the true state) and of the high-level commander uploaded
-trajectories and spirals.
+Modelled are the rules by which the firmware gives and takes away thrust, motor commands in steps, the battery, the
+identified response of attitude and thrust, drag, wind with gusts, and the floor. Left out are ground effect, downwash
+and collisions between drones, the drone's own state estimate (it controls the true state), and of the high-level
+commander uploaded trajectories and spirals.
 """
 
 from flatsat_ros.sim.closed_loop import Observer, fly

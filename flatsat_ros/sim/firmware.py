@@ -244,8 +244,8 @@ class Firmware:
         """Run the high-level commander and the position controller once, every HIGH_LEVEL_PERIOD.
 
         stabilizer.c stabilizerTask, controller_pid.c controllerPid. Without the priority the commander plans on, but
-        its set-points are not used (commander.c commanderSetSetpoint). While levelling out,
-        only their yaw and thrust are.
+        its set-points are not used (commander.c commanderSetSetpoint). While the drone levels out, only their yaw and
+        thrust are.
 
         Args:
             now: ms.
