@@ -212,6 +212,9 @@ class Certificate:
     def load(cls, path: str | os.PathLike[str]) -> Certificate:
         """Read a certificate and verify it.
 
+        Args:
+            path: of a YAML file; `load_certificate` takes the names of packaged certificates too.
+
         Raises:
             FlatsatError: the file cannot be read, a key is unknown or missing, a value has the wrong shape or sign, or
                 an inequality does not hold.
@@ -285,6 +288,9 @@ class Certificate:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Verify and write the certificate; the file is replaced in one step, never left half written.
+
+        Args:
+            path: of the YAML file, in a folder that exists.
 
         Raises:
             FlatsatError: an inequality does not hold, or the file cannot be written.

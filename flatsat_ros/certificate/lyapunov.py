@@ -44,6 +44,10 @@ def decay_residual(block: FloatArray, rate: float) -> float:
     """Return the largest eigenvalue of A'P + P A - 2 P B B'P + alpha P, relative to alpha P; V' <= -alpha V if <= 0.
 
     This is the paper's condition Q A' + A Q - 2 B B' <= -alpha Q, multiplied by P from both sides.
+
+    Args:
+        block: P (2, 2) of one axis.
+        rate: alpha, 1/s.
     """
     residual = _A.T @ block + block @ _A - 2.0 * block @ _B @ _B.T @ block + rate * block
     return largest_relative_eigenvalue(residual, rate * block)
@@ -53,13 +57,23 @@ def decay_rate(block: FloatArray, gain: float) -> float:
     """Return the largest r with V' <= -r V, 1/s, in continuous time and for every applied gain of at least `gain`.
 
     For the closed form and a gain kappa <= 1 it is alpha (2 kappa - 1).
+
+    Args:
+        block: P (2, 2) of one axis.
+        gain: the smallest applied gain.
     """
     growth = _A.T @ block + block @ _A - 2.0 * gain * block @ _B @ _B.T @ block
     return -largest_relative_eigenvalue(growth, block)
 
 
 def hold_transition(block: FloatArray, period: float, gain: float) -> FloatArray:
-    """Return the (2, 2) transition matrix over one period with v = -k B'P x held constant."""
+    """Return the (2, 2) transition matrix over one period with v = -k B'P x held constant.
+
+    Args:
+        block: P (2, 2) of one axis.
+        period: h, s.
+        gain: applied gain k.
+    """
     state = np.array([[1.0, period], [0.0, 1.0]])
     command = np.array([[period**2 / 2.0], [period]])
     return np.asarray(state - gain * command @ (_B.T @ block))
@@ -69,6 +83,11 @@ def hold_contraction(block: FloatArray, period: float, gain: float) -> float:
     """Return the largest V(x+)/V(x) over one period with the command held constant (zero-order hold), gain k.
 
     The ratio is convex in k, so over an interval of gains the larger of the two end values bounds it.
+
+    Args:
+        block: P (2, 2) of one axis.
+        period: h, s.
+        gain: applied gain k.
     """
     step = hold_transition(block, period, gain)
     return largest_relative_eigenvalue(step.T @ block @ step, block)
@@ -80,6 +99,11 @@ def hold_growth(block: FloatArray, period: float, gain: float) -> float:
     With the command held, V(t) - V(0) is x' S(t) x with a matrix polynomial S(t) of degree 4 and S(0) = 0. S(t)/t is
     written in the Bernstein basis of each piece of [0, h]; its coefficients' largest eigenvalue bounds it on the piece.
     At most 0 proves that V grows nowhere within the period; at the gain limit the bound is tight at t = h.
+
+    Args:
+        block: P (2, 2) of one axis.
+        period: h, s.
+        gain: applied gain k.
     """
     a, b = _A, gain * _B @ (_B.T @ block)
     # x(t) = (I + t M1 + t^2 M2) x(0)
@@ -159,6 +183,11 @@ def hold_gain_interval(rate: float, period: float) -> tuple[float, float]:
 
 
 def largest_relative_eigenvalue(matrix: FloatArray, metric: FloatArray) -> float:
-    """Return max x'M x / x'P x over x for a symmetric M and a positive definite P."""
+    """Return the largest x'M x / x'P x over all x.
+
+    Args:
+        matrix: M (n, n), symmetric.
+        metric: P (n, n), symmetric and positive definite.
+    """
     factor = np.linalg.inv(np.linalg.cholesky(metric))
     return float(np.linalg.eigvalsh(factor @ matrix @ factor.T)[-1])

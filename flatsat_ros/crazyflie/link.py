@@ -74,8 +74,13 @@ class Address:
 def sendable(setpoint: WireSetpoint, pwm_max: float) -> WireSetpoint:
     """Return the set-point with its thrust clipped to 0..pwm_max and cut to a whole number, as the packet holds it.
 
+    Args:
+        setpoint: in the units of the link.
+        pwm_max: largest thrust that the vehicle takes, PWM.
+
     Raises:
-        FlatsatError: a value is not finite, in the 32 bits that it has in the packet; the firmware checks nothing.
+        FlatsatError: a value is not finite in the 32 bits that it has in the packet, which the firmware would not
+            notice.
     """
     if not all(math.isfinite(value) and abs(value) <= _FLOAT_MAX for value in setpoint):
         raise FlatsatError(f"set-point {tuple(setpoint)}: must be finite")

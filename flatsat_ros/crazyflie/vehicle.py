@@ -233,7 +233,14 @@ class VehicleProfile:
         return np.asarray(thrust, dtype=np.float64) * (self.mass * PWM_FULL / self.force_max)
 
     def thrust_from_pwm(self, pwm: ArrayLike) -> FloatArray:
-        """Return the mass-normalised thrust, m/s^2, of a thrust command: the inverse of pwm_from_thrust."""
+        """Return the mass-normalised thrust of a thrust command: the inverse of pwm_from_thrust.
+
+        Args:
+            pwm: any shape, PWM_FULL for force_max.
+
+        Returns:
+            T, m/s^2, of the same shape.
+        """
         return np.asarray(pwm, dtype=np.float64) * (self.force_max / (self.mass * PWM_FULL))
 
 

@@ -88,7 +88,18 @@ def input_from_setpoint(
     backend: Backend = Backend.CPP,
     yaw_mode: YawMode = YawMode.RATE,
 ) -> tuple[float, float, float, float]:
-    """Return (T m/s^2, phi rad, theta rad, yaw) of a wire set-point; yaw as a rate, rad/s, or an angle, rad."""
+    """Return the input of a wire set-point: the inverse of setpoint_from_input but for clipped thrusts.
+
+    Args:
+        setpoint: in the units of the link.
+        vehicle: mass and thrust map.
+        backend: gives the sign of the pitch.
+        yaw_mode: what the yaw means.
+
+    Returns:
+        Thrust T (m/s^2, normalised by the mass), roll phi (rad), pitch theta (rad), and yaw as a rate (rad/s) or an
+        angle (rad), counter-clockwise.
+    """
     return (
         float(vehicle.thrust_from_pwm(setpoint.thrust)),
         math.radians(setpoint.roll),

@@ -35,10 +35,10 @@ class Response(Protocol):
     order: int
 
     def thrust(self, thrust: FloatArray, command: FloatArray) -> FloatArray:
-        """Return the (N,) thrust, m/s^2, one STEP later."""
+        """Return the thrust (N,), m/s^2, one STEP after `thrust`, under a command (N,), m/s^2."""
 
     def attitude(self, attitude: FloatArray, command: FloatArray) -> FloatArray:
-        """Return the (3, N, order) attitude one STEP later; command (3, N), rad."""
+        """Return the attitude (3, N, order) one STEP after `attitude`, under a command (3, N), rad."""
 
 
 class Ideal:
@@ -144,7 +144,12 @@ class Wind:
         require(0.0 < self.gust_time < np.inf, "gust_time", self.gust_time, "a finite time above 0 s")
 
     def next_gust(self, gust: FloatArray, generator: np.random.Generator) -> FloatArray:
-        """Return the (3,) deviation from the mean one STEP later, m/s; exact for any STEP."""
+        """Return the deviation of the air velocity from its mean, (3,), m/s, one STEP later; exact for any STEP.
+
+        Args:
+            gust: (3,) the present deviation, m/s, world frame.
+            generator: of the random numbers.
+        """
         if self.gust == 0.0:
             return gust
         keep = math.exp(-STEP / self.gust_time)

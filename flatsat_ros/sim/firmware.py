@@ -173,7 +173,7 @@ class Firmware:
             self.reboot(index, 0)
 
     def reboot(self, index: int, now: int) -> None:
-        """Switch a drone off and on."""
+        """Switch drone index off and, at time now, ms, on."""
         for flags in (self.armed, self.emergency, self.crashed, self.tumbled, self.battery_low):
             flags[index] = False
         self.powered[index] = True

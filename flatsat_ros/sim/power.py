@@ -50,6 +50,13 @@ class PowerTrain:
     """
 
     def __init__(self, profile: VehicleProfile, battery: Battery, count: int) -> None:
+        """Charge the batteries.
+
+        Args:
+            profile: the drones' kind.
+            battery: of each drone.
+            count: N.
+        """
         self._profile = profile
         self._battery = battery
         self._open = np.full(count, battery.voltage)

@@ -60,6 +60,12 @@ class Recorder:
     """Samples a fleet and hands out each sample when its latency is over; times are seconds of simulated time."""
 
     def __init__(self, capture: MotionCapture, generator: np.random.Generator) -> None:
+        """Begin before the first sample.
+
+        Args:
+            capture: its properties.
+            generator: of noise and drop-out.
+        """
         self._capture = capture
         self._generator = generator
         self._taken = 0
