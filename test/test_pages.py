@@ -156,6 +156,13 @@ def test_what_the_code_cites_of_the_documents_exists() -> None:
             assert not anchor or anchor in anchors(document.read_text(encoding="utf-8")), f"{file}: {target}#{anchor}"
 
 
+def test_docstrings_and_comments_name_only_what_there_is() -> None:
+    for file in [*PACKAGE.rglob("*.py"), *(ROOT / "config").rglob("*.yaml")]:
+        text = file.read_text(encoding="utf-8")
+        named = missing_paths(text) + missing_modules(text) + missing_members(text)
+        assert named == [], file
+
+
 @pytest.mark.parametrize("check", CHECKS)
 @pytest.mark.parametrize("file", PAGES, ids=lambda file: file.name)
 def test_a_page_names_only_what_there_is(file: Path, check: str) -> None:
