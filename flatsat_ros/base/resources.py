@@ -8,7 +8,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError, quoted
+from flatsat_ros.base.files import shown, user_path
 
 
 def config_path(name_or_path: str | os.PathLike[str], folder: str = "") -> Path:
@@ -23,16 +24,19 @@ def config_path(name_or_path: str | os.PathLike[str], folder: str = "") -> Path:
         The path of a file that exists.
 
     Raises:
-        FlatsatError: there is no such file; the text lists the names that exist.
+        FlatsatError: there is no such file, or nobody has that home folder; the text lists the names that exist.
     """
     packaged = _config_folder() / folder
     name = os.fspath(name_or_path)
     own = "/" in name or name.endswith(".yaml")
-    path = Path(name).expanduser() if own else packaged / f"{name}.yaml"
-    if path.is_file():
-        return path
+    try:
+        path = user_path(name) if own else packaged / f"{name}.yaml"
+        if path.is_file():
+            return path
+    except (FlatsatError, OSError):  # no such home folder, too long a name, a folder that is closed to us
+        path = Path(name)
     names = ", ".join(sorted(file.stem for file in packaged.glob("*.yaml"))) or "none"
-    missing = f"there is no file {path}" if own else f"there is no packaged configuration {name!r}"
+    missing = f"there is no file {shown(path)}" if own else f"there is no packaged configuration {quoted(name)}"
     raise FlatsatError(f"{missing}; packaged in {packaged}: {names}; or give the path of a .yaml file")
 
 

@@ -7,19 +7,18 @@ from __future__ import annotations
 
 import math
 import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError, require_positive
+from flatsat_ros.base.files import located
 from flatsat_ros.base.resources import config_path
+from flatsat_ros.base.strict_yaml import read_yaml, write_yaml
 from flatsat_ros.certificate import lyapunov
 from flatsat_ros.certificate.robust import Robust
 from flatsat_ros.certificate.sampled_loop import Timing
@@ -219,16 +218,12 @@ class Certificate:
             FlatsatError: the file cannot be read, a key is unknown or missing, a value has the wrong shape or sign, or
                 an inequality does not hold.
         """
-        try:
-            text = Path(path).read_text(encoding="utf-8")
-            document = yaml.safe_load(text)
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            raise FlatsatError(f"certificate {os.fspath(path)!r} cannot be read: {error}") from error
+        document = read_yaml(path)
         try:
             certificate = cls.from_document(document)
             certificate.verify()
         except FlatsatError as error:
-            raise FlatsatError(f"{os.fspath(path)}: {error}") from error
+            raise located(path, error) from error
         return certificate
 
     @classmethod
@@ -296,21 +291,7 @@ class Certificate:
             FlatsatError: an inequality does not hold, or the file cannot be written.
         """
         self.verify()
-        target = Path(path)
-        temporary = None
-        try:
-            text = _HEADER + yaml.safe_dump(self.to_document(), sort_keys=False, default_flow_style=None, width=120)
-            with tempfile.NamedTemporaryFile(
-                "w", encoding="utf-8", dir=target.parent, prefix=target.name, suffix=".part", delete=False
-            ) as stream:
-                temporary = stream.name
-                stream.write(text)
-            Path(temporary).chmod(0o644)
-            Path(temporary).replace(target)
-        except (OSError, yaml.YAMLError) as error:
-            if temporary is not None:
-                Path(temporary).unlink(missing_ok=True)
-            raise FlatsatError(f"certificate {os.fspath(path)!r} cannot be written: {error}") from error
+        write_yaml(path, self.to_document(), _HEADER)
 
 
 def load_certificate(name_or_path: str | os.PathLike[str]) -> Certificate:

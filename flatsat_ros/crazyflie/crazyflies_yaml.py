@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from typing import Any, NamedTuple
-
-import yaml
 
 from flatsat_ros.base.arrays import finite_array
 from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.files import user_path
+from flatsat_ros.base.strict_yaml import read_yaml
 
 
 class Robot(NamedTuple):
@@ -34,10 +33,7 @@ def read_crazyflies(path: str | os.PathLike[str]) -> list[Robot]:
     Raises:
         FlatsatError: the file cannot be read, has no enabled robot, or an entry is not what crazyswarm2 takes.
     """
-    try:
-        content = yaml.safe_load(Path(path).expanduser().read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise FlatsatError(f"{os.fspath(path)!r} cannot be read: {error}") from error
+    content = read_yaml(user_path(path))
     robots = content.get("robots") if isinstance(content, dict) else None
     if not isinstance(robots, dict):
         raise FlatsatError(f"{os.fspath(path)}: must have a mapping `robots` from names to settings")

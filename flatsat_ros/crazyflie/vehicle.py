@@ -11,17 +11,17 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, TypeVar, cast, get_type_hints
 
 import numpy as np
-import yaml
 from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError, require
+from flatsat_ros.base.files import located
 from flatsat_ros.base.resources import config_path
+from flatsat_ros.base.strict_yaml import read_yaml
 
 T = TypeVar("T")
 
@@ -193,17 +193,14 @@ class VehicleProfile:
             path: a file like those in config/vehicles.
 
         Raises:
-            FlatsatError: the file is no YAML mapping, a key is unknown or missing, or a value is out of its bounds.
-            OSError: the file cannot be read.
+            FlatsatError: the file cannot be read, is no YAML mapping, a key is unknown or missing, or a value is out of
+                its bounds.
         """
-        try:
-            content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise FlatsatError(f"{path} is not YAML: {error}") from error
+        content = read_yaml(path)
         try:
             return _build(cls, content, "profile")
         except FlatsatError as error:
-            raise FlatsatError(f"{path}: {error}") from error
+            raise located(path, error) from error
 
     @property
     def thrust_max(self) -> float:

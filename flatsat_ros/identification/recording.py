@@ -7,16 +7,21 @@ reported, and anything else that is not a pose is refused.
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError, quoted
+from flatsat_ros.base.files import located, read_text, unreadable
 
 COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
+
+CSV_BYTES = 16 * 1024 * 1024  # half an hour at 100 Hz
+CSV_LINES = 500_000
+SPAN = 1e6  # s between the first stamp and any other: more is damage, and overflows nanoseconds when played slowly
 
 _NUMERALS = set("0123456789+-.eE")
 
@@ -26,13 +31,13 @@ class Recording:
     """The poses of one drone in the order in which they came.
 
     Attributes:
-        time: (M,) stamps, s after the first pose's; finite, not necessarily increasing.
+        time: (M,) stamps, s after the first pose's; at most SPAN from it, not necessarily increasing.
         position: (M, 3) m, world frame; entries may be NaN.
         quaternion: (M, 4) x, y, z, w, body -> world; entries may be NaN.
         torn: numbers, counted from 1, of the lines of the file that were left out because they break off.
 
     Raises:
-        FlatsatError: there is no pose, shapes differ, or a stamp is not finite.
+        FlatsatError: there is no pose, shapes differ, or a stamp is not finite or too far from the first.
     """
 
     time: FloatArray
@@ -47,8 +52,9 @@ class Recording:
         shapes = self.time.shape, self.position.shape, self.quaternion.shape
         if shapes != ((count,), (count, 3), (count, 4)):
             raise FlatsatError(f"time, position and quaternion have shapes {shapes}: must be (M,), (M, 3), (M, 4)")
-        if not np.isfinite(self.time).all():
-            raise FlatsatError(f"stamp {self.time[~np.isfinite(self.time)][0]} s: must be finite")
+        valid = np.abs(self.time - self.time[0]) <= SPAN
+        if not valid.all():
+            raise FlatsatError(f"stamp = {self.time[~valid][0]} s: must be finite, within {SPAN:g} s of the first")
 
     @property
     def duration(self) -> float:
@@ -67,40 +73,40 @@ def read_csv(path: str | os.PathLike[str]) -> Recording:
     is left out wherever it stands: recorders are interrupted and start again. Empty lines do not count.
 
     Raises:
-        FlatsatError: the file cannot be read, its first line is not the column names, a line is neither a pose nor
-            torn, or there is no pose; the text names the line.
+        FlatsatError: the file cannot be read or is larger than the bounds above, its first line is not the column
+            names, a line is neither a pose nor torn, or there is no pose; the text names the line.
     """
-    name = os.fspath(path)
-    try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise FlatsatError(f"recording {name!r} cannot be read: {error}") from error
+    lines = read_text(path, CSV_BYTES).splitlines()
+    if len(lines) > CSV_LINES:
+        raise unreadable(path, f"it has more than {CSV_LINES} lines, the most that is read")
     header = tuple(column.strip() for column in lines[0].split(",")) if lines else ()
     if header != COLUMNS:
-        raise FlatsatError(f"{name}, line 1: {','.join(header)[:80]!r}: must be {','.join(COLUMNS)!r}")
+        raise located(path, f"line 1: {quoted(','.join(header))}: must be {','.join(COLUMNS)!r}")
     rows, torn = [], []
     for number, line in enumerate(lines[1:], start=2):
-        if not line.strip():
+        if not line or line.isspace():
             continue
         row = _row(line)
         if row is None:
             torn.append(number)
-        elif len(row) != len(COLUMNS) or not np.isfinite(row[0]):
-            raise FlatsatError(
-                f"{name}, line {number}: {line.strip()[:80]!r}: must be {len(COLUMNS)} numbers with a finite t first"
-            )
+        elif len(row) != len(COLUMNS) or not math.isfinite(row[0]):
+            numbers = f"must be {len(COLUMNS)} numbers with a finite t first"
+            raise located(path, f"line {number}: {quoted(line.strip())}: {numbers}")
         else:
             rows.append(row)
     table = np.array(rows, dtype=np.float64).reshape(-1, len(COLUMNS))
     try:
-        return Recording(table[:, 0] - table[:1, 0], table[:, 1:4], table[:, 4:], tuple(torn))
+        with np.errstate(over="ignore"):  # such stamps are refused
+            return Recording(table[:, 0] - table[:1, 0], table[:, 1:4], table[:, 4:], tuple(torn))
     except FlatsatError as error:
-        raise FlatsatError(f"{name}: {error}") from error
+        raise located(path, error) from error
 
 
 def _row(line: str) -> list[float] | None:
     """Return the numbers of a line, none of them if one is not a number, or None if the line breaks off."""
-    *whole, last = (part.strip() for part in line.split(","))
+    if "_" in line or not line.isascii():  # 1_000 and foreign digits are numbers for Python alone
+        return []
+    *whole, last = line.split(",", len(COLUMNS))
     try:
         row = [float(part) for part in whole]
     except ValueError:
@@ -108,5 +114,5 @@ def _row(line: str) -> list[float] | None:
     try:
         row.append(float(last))
     except ValueError:
-        return None if len(row) < len(COLUMNS) and _NUMERALS.issuperset(last) else []
+        return None if len(row) < len(COLUMNS) and _NUMERALS.issuperset(last.strip()) else []
     return row if len(row) >= len(COLUMNS) else None

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
-import yaml
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 from tqdm import tqdm
 
 from flatsat_ros.base.constants import GRAVITY
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError, quoted
+from flatsat_ros.base.files import check_folder, user_path
 from flatsat_ros.base.resources import config_path
+from flatsat_ros.base.strict_yaml import read_yaml, write_yaml
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.identification.hover import thrust_scale
 from flatsat_ros.nodes.ros import interfaces, runtime
@@ -37,13 +37,13 @@ class CalibrateHover(Node):  # type: ignore[misc]
         vehicle = declare(self, "vehicle", "cf21", "profile that it flies with: packaged name or path of a YAML file")
         self._source = config_path(vehicle, "vehicles")
         output = declare(self, "output", "", "profile to write: path of a YAML file that does not exist yet")
-        self._output = Path(output).expanduser()
         self._seconds = declare(self, "seconds", 10.0, "how long to measure", unit="s", bounds=(2.0, 600.0))
         self._gravity = declare(self, "gravity", GRAVITY, "as in the certificate", unit="m/s^2", bounds=(0.1, 100.0))
         if not output:
             raise FlatsatError("parameter output is empty: must be the path of a YAML file")
-        if self._output.exists():
-            raise FlatsatError(f"parameter output = {output!r}: exists already; must be a new file")
+        self._output = user_path(output)
+        check_folder(self._output.parent)
+        self._check_new()
         VehicleProfile.load(self._source)
         self.done, self.exit_code = False, 1
         self._rows: list[list[float]] = []
@@ -75,21 +75,22 @@ class CalibrateHover(Node):  # type: ignore[misc]
         if silence > _SILENCE and not self.done:
             self._fail(f"no telemetry of {self._robot} for {silence:.0f} s: is the controller running?")
 
+    def _check_new(self) -> None:
+        if self._output.exists():
+            raise FlatsatError(f"parameter output = {quoted(str(self._output))}: exists already; must be a new file")
+
     def _write(self) -> None:
         try:
             scale, error = thrust_scale(self._rows, self._gravity)
+            content = read_yaml(self._source)
+            content |= {"force_max": float(content["force_max"]) * scale, "name": self._output.stem}
+            how = f"with force_max calibrated in a hover of {self._seconds:g} s: times {scale:.4f}"
+            self._check_new()
+            write_yaml(self._output, content, f"# {self._source.stem} {how}\n")
+            VehicleProfile.load(self._output)
         except FlatsatError as reason:
             self._fail(str(reason))
             return
-        content = yaml.safe_load(self._source.read_text(encoding="utf-8"))
-        content["force_max"] = float(content["force_max"]) * scale
-        content["name"] = self._output.stem
-        header = (
-            f"# {self._source.stem} with force_max calibrated in a hover of {self._seconds:g} s: times {scale:.4f}\n"
-        )
-        with self._output.open("x", encoding="utf-8") as stream:
-            stream.write(header + yaml.safe_dump(content, sort_keys=False))
-        VehicleProfile.load(self._output)
         self._bar.close()
         print(
             f"{self._robot} lifts {scale:.4f} (standard error {error:.4f}) of what {self._source.stem} promises; "

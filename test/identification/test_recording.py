@@ -77,6 +77,8 @@ def test_carriage_returns_and_empty_lines_do_not_count(file: Path) -> None:
         "1.0,0,zero",
         "1.0,0,0,1,0,0,0,1,9",
         "1.0,0,0,1,0,0,0,1,-",
+        "1_0.0,0,0,1,0,0,0,1",
+        "1.0,0,0,1,0,0,0,\uff11",
         "nan,0,0,1,0,0,0,1",
         "inf,0,0,1,0,0,0,1",
         "1.0;0;0;1;0;0;0;1",
@@ -85,7 +87,7 @@ def test_carriage_returns_and_empty_lines_do_not_count(file: Path) -> None:
     ],
 )
 def test_garbage_is_refused_with_its_line_number(file: Path, garbage: str) -> None:
-    with pytest.raises(FlatsatError, match=r"recording\.csv, line 3: .*must be 8 numbers"):
+    with pytest.raises(FlatsatError, match=r"recording\.csv: line 3: .*must be 8 numbers"):
         read_csv(write(file, line(0.0), garbage, line(2.0)))
 
 
@@ -114,5 +116,7 @@ def test_what_cannot_be_read_is_refused_in_one_line(tmp_path: Path) -> None:
 def test_a_recording_refuses_shapes_that_differ_and_stamps_that_are_not_finite() -> None:
     with pytest.raises(FlatsatError, match="shapes"):
         Recording(np.zeros(2), np.zeros((3, 3)), np.zeros((2, 4)))
-    with pytest.raises(FlatsatError, match="stamp nan s: must be finite"):
+    with pytest.raises(FlatsatError, match="stamp = nan s: must be finite"):
         Recording(np.array([0.0, np.nan]), np.zeros((2, 3)), np.zeros((2, 4)))
+    with pytest.raises(FlatsatError, match=r"stamp = 2000000.0 s: must be .* within 1e\+06 s of the first"):
+        Recording(np.array([0.0, 2e6]), np.zeros((2, 3)), np.zeros((2, 4)))

@@ -1,0 +1,148 @@
+"""Files: one bounded way to read them, one way to write them in a single step; what fails is one line with the path."""
+
+from __future__ import annotations
+
+import os
+import stat
+import tempfile
+from pathlib import Path
+
+from flatsat_ros.base.errors import FlatsatError, one_line, quoted
+
+
+def user_path(text: str | os.PathLike[str]) -> Path:
+    """Return what a user gave as a path; `~` is the home folder.
+
+    Raises:
+        FlatsatError: it is empty, contains a NUL, or nobody has that home folder.
+    """
+    name = os.fspath(text)
+    if not name or "\0" in name:
+        raise FlatsatError(f"path = {quoted(name)}: must be the path of a file or folder")
+    try:
+        return Path(name).expanduser()
+    except RuntimeError as error:
+        raise FlatsatError(f"path = {quoted(name)}: must be a path whose home folder exists") from error
+
+
+def read_text(path: str | os.PathLike[str], bytes_max: int) -> str:
+    """Return the text of a regular file.
+
+    Args:
+        path: of the file; `~` is not expanded, see `user_path`.
+        bytes_max: largest size that is read, bytes.
+
+    Raises:
+        FlatsatError: the file is missing, not readable, no regular file (a folder, device, pipe or socket), larger, or
+            not UTF-8.
+    """
+    try:
+        check_regular(path, bytes_max)
+        with Path(path).open("rb") as stream:
+            data = stream.read(bytes_max + 1)
+        check_size(path, len(data), bytes_max)
+        return data.decode("utf-8")
+    except FlatsatError:
+        raise
+    except (OSError, ValueError) as error:
+        raise unreadable(path, error) from error
+
+
+def check_regular(path: str | os.PathLike[str], bytes_max: int) -> None:
+    """Refuse what is not a regular file of at most bytes_max bytes, without opening it: a pipe would block.
+
+    Raises:
+        FlatsatError: it is missing, no regular file, or larger.
+    """
+    try:
+        status = Path(path).stat()
+    except (OSError, ValueError) as error:
+        raise unreadable(path, error) from error
+    if not stat.S_ISREG(status.st_mode):
+        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device, pipe or socket"
+        raise unreadable(path, f"it is {kind}, must be a regular file")
+    check_size(path, status.st_size, bytes_max)
+
+
+def check_size(path: str | os.PathLike[str], size: int, bytes_max: int) -> None:
+    """Refuse a file of more than bytes_max bytes.
+
+    Raises:
+        FlatsatError: it is larger.
+    """
+    if size > bytes_max:
+        raise unreadable(path, f"it has more than {bytes_max} bytes, the most that is read")
+
+
+def shown(path: str | os.PathLike[str]) -> str:
+    """Return a path for an error message, in one line."""
+    name = os.fspath(path)
+    return name if name.isprintable() and 0 < len(name) <= 300 else quoted(name)
+
+
+def located(path: str | os.PathLike[str], reason: object) -> FlatsatError:
+    """Return the refusal of what a file says: the path, then the reason, in one line."""
+    return FlatsatError(f"{shown(path)}: {reason}")
+
+
+def unreadable(path: str | os.PathLike[str], reason: object) -> FlatsatError:
+    """Return the refusal of a file that cannot be read, in one line."""
+    return located(path, f"cannot be read: {_words(reason)}")
+
+
+def make_folder(path: str | os.PathLike[str]) -> Path:
+    """Make a folder for results, its parents too; one that is there already is taken.
+
+    Raises:
+        FlatsatError: it cannot be made, or nothing can be written into it.
+    """
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        raise unwritable(folder, error) from error
+    check_folder(folder)
+    return folder
+
+
+def check_folder(folder: str | os.PathLike[str]) -> None:
+    """Refuse a folder into which no file can be written; to be asked before long work begins.
+
+    Raises:
+        FlatsatError: it is missing, no folder, or read-only.
+    """
+    if not Path(folder).is_dir() or not os.access(folder, os.W_OK | os.X_OK):
+        raise unwritable(folder, "must be a folder in which files can be made")
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write a text file in one step: whoever reads it meanwhile, or finds it after a failure, has the old one.
+
+    Raises:
+        FlatsatError: the file cannot be written.
+    """
+    target, temporary = Path(path), None
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", encoding="utf-8", dir=target.parent, prefix=target.name, suffix=".part", delete=False
+        ) as stream:
+            temporary = Path(stream.name)
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())  # or a power cut could leave the new name without the new text
+        temporary.chmod(0o644)
+        temporary.replace(target)
+    except (OSError, ValueError) as error:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+        raise unwritable(path, error) from error
+
+
+def unwritable(path: str | os.PathLike[str], reason: object) -> FlatsatError:
+    """Return the refusal of a file or folder that cannot be written, in one line."""
+    return located(path, f"cannot be written: {_words(reason)}")
+
+
+def _words(reason: object) -> str:
+    """Return why it failed; an OSError without the path, which stands in the message already."""
+    return one_line(getattr(reason, "strerror", None) or str(reason) or type(reason).__name__)

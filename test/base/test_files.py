@@ -1,0 +1,115 @@
+"""Files are read whole, bounded and in one encoding, or refused in one line; they are written in one step, or not."""
+
+from __future__ import annotations
+
+import os
+import socket
+from pathlib import Path
+
+import pytest
+
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.files import check_folder, make_folder, read_text, user_path, write_text
+
+
+def refusal(path: Path | str, bytes_max: int = 100) -> str:
+    with pytest.raises(FlatsatError) as refused:
+        read_text(path, bytes_max)
+    assert "\n" not in str(refused.value)
+    return str(refused.value)
+
+
+def test_a_text_comes_back_as_it_was_written(tmp_path: Path) -> None:
+    write_text(tmp_path / "text", "gr\xfc\xdfe \U0001f681\n")
+    assert read_text(tmp_path / "text", 100) == "gr\xfc\xdfe \U0001f681\n"
+    assert (tmp_path / "text").stat().st_mode & 0o777 == 0o644
+
+
+def test_what_is_no_regular_file_is_refused_without_being_opened(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")  # to open it would wait for a writer for ever
+    (tmp_path / "link").symlink_to("pipe")
+    (tmp_path / "loop").symlink_to("loop")
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(tmp_path / "socket"))
+        for name in ("pipe", "link", "socket", "/dev/zero", "/dev/full"):
+            assert "cannot be read: it is a device, pipe or socket, must be a regular file" in refusal(tmp_path / name)
+    assert "it is a folder, must be a regular file" in refusal(tmp_path)
+    assert "cannot be read: Too many levels of symbolic links" in refusal(tmp_path / "loop")
+    assert refusal(tmp_path / "none") == f"{tmp_path}/none: cannot be read: No such file or directory"
+
+
+def test_one_byte_more_than_the_bound_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "text"
+    path.write_bytes(b"x" * 100)
+    assert len(read_text(path, 100)) == 100
+    path.write_bytes(b"x" * 101)
+    assert "it has more than 100 bytes, the most that is read" in refusal(path)
+    with path.open("wb") as stream:
+        stream.truncate(100_000_000)
+    assert "it has more than 100 bytes, the most that is read" in refusal(path)
+    # what claims to be empty and never ends
+    assert "it has more than 100 bytes" in refusal("/proc/self/smaps")
+
+
+def test_what_is_not_utf_8_and_what_is_closed_to_us_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "latin"
+    path.write_bytes("gr\xfc\xdfe".encode("latin-1"))
+    assert "cannot be read: 'utf-8' codec can't decode byte 0xfc in position 2" in refusal(path)
+
+    def closed(*arguments: object) -> None:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "open", closed)  # root may read everything
+    assert refusal(path) == f"{path}: cannot be read: Permission denied"
+
+
+@pytest.mark.parametrize("name", ["a\nb", "\x1b[31m", "x" * 5000, "nul\0", "\udcff\0", ""])
+def test_a_path_that_is_none_is_refused_in_one_line_too(name: str, tmp_path: Path) -> None:
+    assert len(refusal(tmp_path / name if name else "")) < 700
+    with pytest.raises(FlatsatError, match="cannot be written: "):
+        write_text(tmp_path / name / "missing" / "file", "")
+
+
+def test_the_home_folder_of_nobody_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert user_path("~/x.yaml") == tmp_path / "x.yaml"
+    assert user_path("./x~") == Path("x~")
+    for text in ("~who_is_that/x.yaml", "", "a\0b"):
+        with pytest.raises(FlatsatError, match=r"path = .*: must be "):
+            user_path(text)
+
+
+def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "text"
+    write_text(path, "old")
+
+    def fail(*arguments: object, **options: object) -> None:
+        raise OSError(28, "No space left on device", "/tmp/other")
+
+    for owner, name in ((Path, "replace"), (Path, "chmod"), (os, "fsync")):
+        with monkeypatch.context() as patch:
+            patch.setattr(owner, name, fail)
+            with pytest.raises(FlatsatError) as refused:
+                write_text(path, "new")
+        assert str(refused.value) == f"{path}: cannot be written: No space left on device"
+    with pytest.raises(FlatsatError, match="cannot be written: 'utf-8' codec can't encode"):
+        write_text(path, "\udcff")
+    assert path.read_text(encoding="utf-8") == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_is_made_once_and_refused_where_nothing_can_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert make_folder(make_folder(tmp_path / "a" / "b")) == tmp_path / "a" / "b"
+    write_text(tmp_path / "file", "")
+    for path in (tmp_path / "file", tmp_path / "file" / "below", "/proc/nothing", "nul\0"):
+        with pytest.raises(FlatsatError, match=r".*: cannot be written: ."):
+            make_folder(path)
+    with pytest.raises(FlatsatError, match="must be a folder in which files can be made"):
+        check_folder(tmp_path / "missing")
+    monkeypatch.setattr(os, "access", lambda *arguments: False)  # root may write everywhere
+    with pytest.raises(FlatsatError, match="must be a folder in which files can be made"):
+        make_folder(tmp_path / "a")
