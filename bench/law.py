@@ -14,8 +14,8 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.flight.pilot import Pilot
-from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Mode, Policy
+from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.controller import Controller, Memory
 from flatsat_ros.law.gain import Tuning
 
@@ -129,7 +129,7 @@ class Flight:
         self._positions = np.random.default_rng(size).uniform([-2.0, -2.0, 1.0], [2.0, 2.0, 2.0], (size, 3)).tolist()
         self._calls = max(1, _TICKS * 50 // (50 + size))
         for index, (x, y, z) in enumerate(self._positions):
-            self._pilot.refer(index, Trajectory.hold([x + 0.5, y, z]))
+            self._pilot.set_reference(index, Trajectory.hold([x + 0.5, y, z]))
         for _ in range(20):
             self._tick()
         if not (self._pilot.mode == Mode.FLY).all():

@@ -13,8 +13,8 @@ from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interv
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.flight.pilot import Pilot, Tick
-from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Policy
+from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.planning.spline import spline_through
@@ -93,13 +93,13 @@ def swap(vehicle: str, trouble: Trouble, policy: Policy) -> Outcome:
         within &= bool((np.abs(tick.input[:, 1:]) <= LIMITS.tilt_max * (1.0 + 1e-9)).all())
 
     for i, place in enumerate(PLACES):
-        pilot.refer(i, Trajectory.hold(place))
+        pilot.set_reference(i, Trajectory.hold(place))
     now = fly(pilot, fleet, profile, CLIMB, observe)
     hovered = np.array(errors[-round(WATCHED / PERIOD) :]).mean(axis=0)
     errors.clear()
     for i in range(len(PLACES)):
         legs = [PLACES[(i + leg) % len(PLACES)] for leg in range(len(PLACES) + 1)]
-        pilot.refer(i, spline_through(legs, LEG).shifted(now))
+        pilot.set_reference(i, spline_through(legs, LEG).shifted(now))
     fly(pilot, fleet, profile, now + len(PLACES) * LEG, observe, start=now)
     swapped = np.sqrt(np.mean(np.square(errors), axis=0))
     return Outcome(float(hovered.max()), float(swapped.max()), within)

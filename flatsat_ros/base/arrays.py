@@ -12,6 +12,14 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
 
+def float_array(name: str, value: ArrayLike, width: int | None = None) -> FloatArray:
+    """Return value as an array of floats, as `finite_array` does, but take entries that are not finite."""
+    array = np.asarray(value, dtype=np.float64)
+    if width is not None and (array.ndim == 0 or array.shape[-1] != width):
+        raise FlatsatError(f"{name} has shape {array.shape}: valid is (..., {width})")
+    return array
+
+
 def finite_array(name: str, value: ArrayLike, width: int | None = None) -> FloatArray:
     """Return value as an array of floats, each of them finite.
 
@@ -23,9 +31,7 @@ def finite_array(name: str, value: ArrayLike, width: int | None = None) -> Float
     Raises:
         FlatsatError: the shape is wrong or an entry is not finite.
     """
-    array = np.asarray(value, dtype=np.float64)
-    if width is not None and (array.ndim == 0 or array.shape[-1] != width):
-        raise FlatsatError(f"{name} has shape {array.shape}: valid is (..., {width})")
+    array = float_array(name, value, width)
     finite = np.isfinite(array)
     if np.count_nonzero(finite) < finite.size:  # a third of the cost of all() on small arrays
         raise FlatsatError(f"{name} contains {array[~finite].flat[0]}: every entry must be a finite number")

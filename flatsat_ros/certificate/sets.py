@@ -95,14 +95,19 @@ class Sets:
             raise FlatsatError(f"state has shape {state.shape}: its last axis must have 6 or {width} entries")
         width = state.shape[-1]
         terms = state @ self._matrix[:width, :width] * state
-        upright = terms[..., 2::3].sum(axis=-1)
-        return np.asarray(terms[..., 0::3].sum(axis=-1) + terms[..., 1::3].sum(axis=-1)), np.asarray(upright)
+        sums = terms @ self._directions[:width]
+        return sums[..., 0], sums[..., 1]
 
     @cached_property
     def _matrix(self) -> FloatArray:
         """The matrix of V_h + V_v, (3 n, 3 n)."""
         axes = np.kron(self.horizontal, np.diag([1.0, 1.0, 0.0])), np.kron(self.vertical, np.diag([0.0, 0.0, 1.0]))
         return np.asarray(axes[0] + axes[1])
+
+    @cached_property
+    def _directions(self) -> FloatArray:
+        """(3 n, 2): what sums the terms of x and y, and those of z."""
+        return np.tile([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]], (len(self.horizontal), 1))
 
     def scale_ellipsoid(self, state: ArrayLike) -> FloatArray:
         """Return the smallest s with the state in s E, (...): sqrt(V / eps)."""
@@ -114,11 +119,9 @@ class Sets:
         return self._scale(*self.levels(state))
 
     def _scale(self, lateral: FloatArray, upright: FloatArray) -> FloatArray:
-        worst = np.zeros((2, *lateral.shape, 3))
-        worst[..., 0] = np.sqrt(self.slope_horizontal * np.maximum(lateral, 0.0))
-        worst[0, ..., 2] = np.sqrt(self.slope_vertical * np.maximum(upright, 0.0))
-        worst[1, ..., 2] = -worst[0, ..., 2]
-        return np.asarray(self.limits.gauge(worst).max(axis=0))
+        a = np.sqrt(self.slope_horizontal * np.maximum(lateral, 0.0))
+        b = np.sqrt(self.slope_vertical * np.maximum(upright, 0.0))
+        return self.limits.worst_gauge(a, b)
 
     def kappa(self, state: ArrayLike) -> FloatArray:
         """Return the largest kappa in (0, 1] with the state in D's kappa-set, (...): a bound of the applied gain."""

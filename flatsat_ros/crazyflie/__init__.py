@@ -9,7 +9,7 @@ from flatsat_ros.crazyflie.vehicle import (
     VehicleProfile,
     load_vehicle,
 )
-from flatsat_ros.crazyflie.wire import Backend, WireSetpoint, YawMode, input_from_setpoint, setpoint_from_input
+from flatsat_ros.crazyflie.wire import Backend, WireSetpoint, YawMode, input_from_setpoint, setpoint_from_command
 
 __all__ = [
     "AttitudeResponse",
@@ -24,5 +24,5 @@ __all__ = [
     "input_from_setpoint",
     "load_vehicle",
     "read_crazyflies",
-    "setpoint_from_input",
+    "setpoint_from_command",
 ]

@@ -51,22 +51,24 @@ class WireSetpoint(NamedTuple):
     thrust: float  # PWM
 
 
-def setpoint_from_input(
+def setpoint_from_command(
     thrust: float,
     roll: float,
     pitch: float,
+    yaw_rate: float,
     yaw: float,
     vehicle: VehicleProfile,
     backend: Backend = Backend.CPP,
     yaw_mode: YawMode = YawMode.RATE,
 ) -> WireSetpoint:
-    """Return the wire set-point of an input.
+    """Return the wire set-point of a command.
 
     Args:
         thrust: T, m/s^2, normalised by the mass.
         roll: phi, rad.
         pitch: theta, rad.
-        yaw: psi rate, rad/s, or psi, rad, as yaw_mode says; counter-clockwise.
+        yaw_rate: psi rate, rad/s, counter-clockwise; what YawMode.RATE sends.
+        yaw: psi, rad, counter-clockwise; what YawMode.ANGLE sends.
         vehicle: mass and thrust map.
         backend: gives the sign of the pitch.
         yaw_mode: what the yaw means.
@@ -74,11 +76,12 @@ def setpoint_from_input(
     Raises:
         FlatsatError: a value is not finite: such a set-point must never reach the radio.
     """
-    if not math.isfinite(thrust + roll + pitch + yaw):
-        raise FlatsatError(f"set-point (T, phi, theta, yaw) = ({thrust}, {roll}, {pitch}, {yaw}): must be finite")
+    turn = yaw_rate if yaw_mode is YawMode.RATE else yaw
+    if not math.isfinite(thrust + roll + pitch + turn):
+        raise FlatsatError(f"set-point (T, phi, theta, yaw) = ({thrust}, {roll}, {pitch}, {turn}): must be finite")
     pwm = min(max(float(vehicle.pwm_from_thrust(thrust)), 0.0), float(vehicle.pwm_max))
     return WireSetpoint(
-        math.degrees(roll), backend.pitch_sign * math.degrees(pitch), yaw_mode.sign * math.degrees(yaw), pwm
+        math.degrees(roll), backend.pitch_sign * math.degrees(pitch), yaw_mode.sign * math.degrees(turn), pwm
     )
 
 

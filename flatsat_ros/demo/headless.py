@@ -26,8 +26,8 @@ from flatsat_ros.demo.scenario import (
 )  # fmt: skip
 from flatsat_ros.flight import telemetry
 from flatsat_ros.flight.pilot import Pilot, Tick
-from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Mode, Policy
+from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.closed_loop import fly as fly_simulated
 from flatsat_ros.sim.fleet import SimulatedFleet
@@ -70,10 +70,10 @@ def fly(scenario: Scenario) -> FlightRecord:
             pilot.take_off(i, scenario.height)
         let_pass(STANDING_TIME, STANDING_TIME + GATHER_TIME)
         for i, position in enumerate(scenario.gathering):
-            pilot.refer(i, Trajectory.hold(position))
+            pilot.set_reference(i, Trajectory.hold(position))
         let_pass(STANDING_TIME + GATHER_TIME, start)
         for i, swap in enumerate(scenario.swaps):
-            pilot.refer(i, swap.shifted(start))
+            pilot.set_reference(i, swap.shifted(start))
         now = end + certificate.period
         let_pass(start, now)
         for i in range(count):

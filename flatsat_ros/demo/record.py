@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS
+from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.input_set import InputSet
 
 # root mean square tracking errors of the paper's Test 2, Table III, m

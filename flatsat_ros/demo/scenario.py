@@ -13,7 +13,7 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
-from flatsat_ros.flight.reference import Trajectory
+from flatsat_ros.flight.trajectory import Trajectory
 
 # the paper's way-points, {[0,-6,1],[6,6,1],[-6,6,1]} x 10 cm in x and y, m
 _PAPER_WAYPOINTS = np.array([[0.0, -0.6, 1.0], [0.6, 0.6, 1.0], [-0.6, 0.6, 1.0]])

@@ -1,8 +1,8 @@
 """One tick of N drones: estimate, reference, law, flight mode, command. Numpy only."""
 
 from flatsat_ros.flight.guarantee import Assessment
-from flatsat_ros.flight.pilot import Pilot, Tick
-from flatsat_ros.flight.reference import Trajectory
-from flatsat_ros.flight.supervisor import Mode, Policy
+from flatsat_ros.flight.pilot import Command, Pilot, Tick
+from flatsat_ros.flight.supervisor import Mode, Policy, Transition
+from flatsat_ros.flight.trajectory import Trajectory
 
-__all__ = ["Assessment", "Mode", "Pilot", "Policy", "Tick", "Trajectory"]
+__all__ = ["Assessment", "Command", "Mode", "Pilot", "Policy", "Tick", "Trajectory", "Transition"]

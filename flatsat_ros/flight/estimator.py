@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 
@@ -105,26 +106,28 @@ class Estimator:
             self._commands.popleft()
 
     def estimate(self, now: float) -> FloatArray:
-        """Return position and velocity of all drones at now, (N, 6), m and m/s; zeros before the first measurement."""
-        mean = np.array([f.mean for f in self._filters])
-        elapsed = np.clip(now - self.newest, 0.0, _SILENCE_TO_RESTART)[:, np.newaxis]
-        position, velocity, disturbance = mean[:, 0:3], mean[:, 3:6], mean[:, 6:9]
-        position = position + elapsed * (velocity + elapsed / 2.0 * disturbance)
-        velocity = velocity + elapsed * disturbance
-        end = now
-        for begin, acceleration, _ in reversed(self._commands):
-            span = np.clip(end - np.maximum(begin, now - elapsed), 0.0, None)
-            velocity = velocity + acceleration * span
-            position = position + acceleration * (span * (now - end + span / 2.0))
-            end = min(end, begin)
-            if (now - elapsed >= end).all():
-                break
-        return np.concatenate([position, velocity], axis=1)
+        """Return the state of all drones at now, (N, 9); zeros before the first measurement.
 
-    @property
-    def disturbance(self) -> FloatArray:
-        """The estimated disturbances, (N, 3), m/s^2: what accelerates the drones beside the commands."""
-        return np.array([f.mean[6:9] for f in self._filters])
+        Returns:
+            Position (m), velocity (m/s) and disturbance (m/s^2): what accelerates the drones beside the commands.
+        """
+        count = len(self._filters)
+        means = chain.from_iterable(f.mean for f in self._filters)
+        state = np.fromiter(means, np.float64, 9 * count).reshape(count, 9)
+        elapsed = np.minimum(np.maximum(now - self.newest, 0.0), _SILENCE_TO_RESTART)
+        oldest, elapsed = now - float(elapsed.max()), elapsed[:, np.newaxis]
+        position, velocity, disturbance = state[:, 0:3], state[:, 3:6], state[:, 6:9]
+        position += elapsed * (velocity + elapsed / 2.0 * disturbance)
+        velocity += elapsed * disturbance
+        measured, end = now - elapsed, now
+        for begin, acceleration, _ in reversed(self._commands):
+            span = np.maximum(end - np.maximum(begin, measured), 0.0)
+            velocity += acceleration * span
+            position += acceleration * (span * (now - end + span / 2.0))
+            end = min(end, begin)
+            if oldest >= end:
+                break
+        return state
 
     def usable(self, now: float, timeout: float) -> np.ndarray:
         """Tell whose estimate can be flown on, (N,): fresh within timeout (s) and with a settled velocity.

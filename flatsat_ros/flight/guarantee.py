@@ -28,7 +28,7 @@ class Assessment:
     guaranteed: np.ndarray
 
 
-class Watch:
+class GuaranteeMonitor:
     """Follows N drones through the certified sets.
 
     A set-point is covered by all sets of the certificate. A moving reference has the ellipsoid of its margin m alone,
@@ -36,28 +36,31 @@ class Watch:
     """
 
     def __init__(self, certificate: Certificate, count: int) -> None:
+        """Begin with drones that hover: nothing is on its way to them."""
         self._sets = certificate.sets
         self._timing = certificate.timing
-        self._rest = np.zeros((count, self._timing.size - 2, 3))
+        # what z holds beyond position and velocity: achieved acceleration and commands on their way, about the base
+        self._hidden = np.zeros((count, self._timing.size - 2, 3))
         self._radius = certificate.limits.inner_radius
 
-    def assess(self, error: FloatArray, margin: FloatArray, still: np.ndarray) -> Assessment:
+    def assess(self, error: FloatArray, margin: FloatArray, fixed: np.ndarray) -> Assessment:
         """Return where the drones are.
 
         Args:
             error: xi (N, 6), m and m/s.
             margin: (N,) distance of the references' accelerations to the boundary of the input set, m/s^2.
-            still: (N,) whether the law's base is 0: a set-point, and nothing compensated.
+            fixed: (N,) whether the law's base is 0 for good: a set-point, and nothing compensated.
         """
-        state = np.concatenate([error, self._rest.reshape(len(error), -1)], axis=1) if self._rest.size else error
+        hidden = self._hidden
+        state = np.concatenate([error, hidden.reshape(len(error), -1)], axis=1) if hidden.size else error
         membership = self._sets.classify(state)
         relative = membership.level / np.minimum(1.0, margin / self._radius) ** 2
         place = membership.place
-        if not still.all():
-            place = np.where(still, place, np.where(relative <= 1.0, Place.ELLIPSOID.value, Place.OUTSIDE.value))
-        return Assessment(relative, place, membership.kappa, membership.guaranteed & still)
+        if not fixed.all():
+            place = np.where(fixed, place, np.where(relative <= 1.0, Place.ELLIPSOID.value, Place.OUTSIDE.value))
+        return Assessment(relative, place, membership.kappa, membership.guaranteed & fixed)
 
-    def follow(self, acceleration: FloatArray) -> None:
-        """Note what the drones were commanded, (N, 3), m/s^2: with lag or delay it is on its way for some time."""
-        if self._rest.size:
-            self._rest = self._timing.follow(self._rest, acceleration)
+    def follow(self, command: FloatArray) -> None:
+        """Note the commands (N, 3), m/s^2, about their base: with lag or delay they are on their way for some time."""
+        if self._hidden.size:
+            self._hidden = self._timing.follow(self._hidden, command)

@@ -5,42 +5,54 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError, require_positive
 from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.flight.detectors import LiftOffDetector, TouchDownDetector
 from flatsat_ros.flight.estimator import Estimator
-from flatsat_ros.flight.guarantee import Assessment, Watch
-from flatsat_ros.flight.reference import References, Trajectory
-from flatsat_ros.flight.supervisor import Mode, Policy, next_mode
+from flatsat_ros.flight.guarantee import Assessment, GuaranteeMonitor
+from flatsat_ros.flight.references import References
+from flatsat_ros.flight.supervisor import Mode, Policy, Supervisor, Transition
+from flatsat_ros.flight.thrust import ThrustScale
+from flatsat_ros.flight.trajectory import Trajectory
+from flatsat_ros.flight.yaw import YawControl
 from flatsat_ros.law.controller import Controller, Memory, Output
 from flatsat_ros.law.gain import Tuning
-
-# yaw is held by turning back in proportion to its error, 1/s, at most this fast, rad/s
-_YAW_GAIN = 1.5
-_YAW_RATE_MAX = 1.0
 
 # of a reference's margin, this much at most may be spent on a disturbance; the rest is left to steer with
 _COMPENSATED_SHARE = 0.5
 _TINY = 1e-300
 
-# the thrust scale follows its error with this time constant, s: slowly, beside the estimate of the disturbance
-_THRUST_TIME = 3.0
-
-# A landing reference sinks at most this fast, m/s, to this depth, m, below the world's floor (or below itself, should
-# it be lower). The drone has touched down when the reference has left it behind by this much, m, while it is this slow,
-# m/s, for this long, s.
+# A landing reference sinks at most this fast, m/s, to this depth, m, below z = 0 (or below itself, should it be lower).
 _LANDING_SPEED = 0.4
 _LANDING_DEPTH = 0.6
-_TOUCH_DOWN_DISTANCE = 0.25
-_TOUCH_DOWN_SPEED = 0.05
-_TOUCH_DOWN_TIME = 0.5
 
-# a drone is off the ground when it is so far, m, from the height of its unlocking; this, m/s^2, is a command to climb
-_LIFT_OFF = 0.05
+_FLY, _LEVEL = Mode.FLY.value, Mode.LEVEL.value  # numpy compares with these ten times faster
+
+# an upward acceleration of this much, m/s^2, is a command to climb
 _CLIMB = 0.5
+
+
+class Command(NamedTuple):
+    """What one drone is told.
+
+    Attributes:
+        thrust: T, m/s^2, over the thrust scale: what the motors are asked for.
+        roll: phi, rad.
+        pitch: theta, rad.
+        yaw_rate: psi rate, rad/s, counter-clockwise.
+        yaw: psi, rad, for drones that take an angle.
+    """
+
+    thrust: float
+    roll: float
+    pitch: float
+    yaw_rate: float
+    yaw: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,12 +67,13 @@ class Tick:
         output: the law's output; it is the command in FLY only.
         reference: (N, 9) position, velocity, acceleration.
         disturbance: (N, 3) compensated disturbance, m/s^2, world frame.
-        thrust_scale: (N,) estimated actual thrust over the thrust that is asked for; ask for T / thrust_scale.
-        assessment: where the drones are in the certified sets; it speaks of FLY only.
+        thrust_scale: (N,) estimated actual thrust over the thrust that is asked for.
+        assessment: where the drones are in the certified sets; of meaning for drones in FLY only.
+        transitions: the changes of modes since the tick before, and why.
         duration: computation time of the tick, s.
     """
 
-    mode: FloatArray
+    mode: np.ndarray
     input: FloatArray
     yaw_rate: FloatArray
     yaw: FloatArray
@@ -69,47 +82,51 @@ class Tick:
     disturbance: FloatArray
     thrust_scale: FloatArray
     assessment: Assessment
+    transitions: tuple[Transition, ...]
     duration: float
+
+    def command(self, index: int) -> Command | None:
+        """Return what drone index is told, None in IDLE: then it is left to whoever flies it."""
+        if self.mode[index] == Mode.IDLE:
+            return None
+        thrust, roll, pitch = self.input[index].tolist()
+        scale = float(self.thrust_scale[index])
+        return Command(thrust / scale, roll, pitch, float(self.yaw_rate[index]), float(self.yaw[index]))
 
 
 class Pilot:
     """Flies N drones of one certificate.
 
     Attributes:
-        mode: (N,) flight modes of the last tick.
-        memory: the controller's gains.
+        certificate: what is proved of the loop.
         estimator: the drones' estimates.
+        memory: the controller's gains.
     """
 
     def __init__(self, certificate: Certificate, tuning: Tuning, policy: Policy, count: int) -> None:
         """Start with all drones idle; tuning has one entry a drone or one for all."""
         self.certificate = certificate
-        self.policy = policy
         self.estimator = Estimator(count)
-        self.mode = np.full(count, Mode.IDLE)
+        self._policy = policy
+        self._supervisor = Supervisor(policy, count)
         self._references = References(count)
-        self._margin = np.full(count, certificate.limits.inner_radius)
-        self._watch = Watch(certificate, count)
-        self._since = np.full(count, -np.inf)
-        self._requested = np.zeros(count, dtype=bool)  # a reference was given since the motors were last cut
-        self._waits = np.zeros(count, dtype=bool)  # the reference waits for poses that are lost; a take-off does not
-        self._landing = np.zeros(count, dtype=bool)
-        self._offset = np.zeros(count)  # height above the reference when the landing began, m
-        self._resting_since = np.full(count, np.inf)
-        self._ground = np.full(count, -np.inf)  # height at which it was unlocked, m
-        self._climbing = np.zeros(count, dtype=bool)  # told to climb at the last tick
-        self._held_since = np.full(count, np.inf)
-        self._again = np.zeros(count, dtype=bool)  # unlocked a second time for the same reference
-        self._armed = np.ones(count, dtype=bool)
-        self._opening = np.zeros(count, dtype=bool)  # armed on the ground, to be unlocked
-        self._state, self._usable = np.zeros((count, 6)), np.zeros(count, dtype=bool)  # of the last tick
-        self._referred = np.zeros(count, dtype=bool)  # a reference was given since the last tick in flight
-        self._heading = np.zeros(count)  # last commanded psi, rad
-        self._thrust_scale = np.ones(count)
-        self._last_tick = -np.inf
-        self._level = np.array([policy.level_thrust * certificate.limits.gravity, 0.0, 0.0])
+        self._touch_down = TouchDownDetector(count)
+        self._lift_off = LiftOffDetector(count, policy.lift_off_time)
+        self._thrust = ThrustScale(count, policy.thrust_error_max)
+        self._yaw = YawControl(count)
+        self._monitor = GuaranteeMonitor(certificate, count)
         self._controller = Controller(certificate, _spread(tuning, count))
         self.memory = self._controller.start()
+        self._restarts = np.zeros(count, dtype=bool)  # a new reference may restart the gain
+        self._climbing = np.zeros(count, dtype=bool)  # told to climb at the last tick
+        # of the last tick
+        self._now = -np.inf
+        self._state, self._usable = np.zeros((count, 6)), np.zeros(count, dtype=bool)
+
+    @property
+    def mode(self) -> np.ndarray:
+        """(N,) values of `Mode`."""
+        return self._supervisor.mode
 
     def retune(self, tuning: Tuning) -> None:
         """Take a new tuning from the next tick on. Gains stay where they are, below the new cap."""
@@ -117,18 +134,21 @@ class Pilot:
         self._controller = controller
         self.memory = Memory(np.minimum(self.memory.gain, controller.tuning.gain_max))
 
-    def refer(self, index: int, trajectory: Trajectory) -> None:
+    def set_reference(self, index: int, trajectory: Trajectory) -> None:
         """Give drone index a new reference; it takes off if it rests, and no longer lands.
 
         Raises:
             FlatsatError: the reference leaves no margin inside the input set, or the drone is disarmed.
         """
-        self._require_armed(index)
+        self._follow(index, trajectory, patient=True)
+
+    def _follow(self, index: int, trajectory: Trajectory, *, patient: bool) -> None:
+        self._supervisor.require_armed(index)
         margin = trajectory.require_margin(self.certificate.limits)
-        self._references.assign(index, trajectory)
-        self._margin[index] = margin
-        self._requested[index] = self._referred[index] = self._waits[index] = True
-        self._landing[index] = self._again[index] = False
+        self._references.assign(index, trajectory, margin)
+        self._supervisor.request(index, patient=patient)
+        self._touch_down.end(index)
+        self._restarts[index] = True
 
     def arm(self, index: int, armed: bool) -> None:
         """Allow drone index to take off, or forbid it; all are armed at first.
@@ -139,29 +159,16 @@ class Pilot:
         Raises:
             FlatsatError: it is in use or in the air and cannot be disarmed.
         """
-        mode, high = Mode(self.mode[index]), self._is_high(index)
-        if not armed and mode not in (Mode.IDLE, Mode.CUT):
-            raise FlatsatError(f"the drone is in {mode.name}: it can be disarmed in IDLE or CUT only; land it first")
-        if not armed and mode is Mode.IDLE and high:
-            raise FlatsatError(
-                f"the drone is at z = {self._state[index, 2]:.2f} m, flown by somebody else: land it first"
-            )
-        self._armed[index] = armed
-        self._opening[index] = armed and mode in (Mode.IDLE, Mode.UNLOCK) and self._usable[index] and not high
-        if not armed:
-            self._requested[index] = False
+        height = float(self._state[index, 2]) if self._usable[index] else None
+        self._supervisor.arm(index, armed, height)
 
     def is_opening(self, index: int) -> bool:
         """Tell whether drone index was armed on the ground and its thrust lock is about to be opened."""
-        return bool(self._opening[index])
+        return bool(self._supervisor.unlocking[index])
 
     def _is_high(self, index: int) -> bool:
         """Tell whether drone index is known to be above the ground."""
-        return bool(self._usable[index] and self._state[index, 2] >= self.policy.ground_height)
-
-    def _require_armed(self, index: int) -> None:
-        if not self._armed[index]:
-            raise FlatsatError("the drone is disarmed: arm it first")
+        return bool(self._usable[index] and self._state[index, 2] >= self._policy.ground_height)
 
     def take_off(self, index: int, height: float) -> None:
         """Send drone index straight up by height, m, from where it stands.
@@ -169,15 +176,14 @@ class Pilot:
         Raises:
             FlatsatError: it does not stand, its pose is not known, it is disarmed, or the height is not above 0.
         """
-        self._require_armed(index)
-        mode, place = Mode(self.mode[index]), self._state[index]
+        self._supervisor.require_armed(index)
+        place, mode = self._state[index, :3], Mode(self.mode[index])
         if mode not in (Mode.IDLE, Mode.UNLOCK, Mode.CUT) or self._is_high(index):
             raise FlatsatError(f"the drone is in {mode.name} at z = {place[2]:.2f} m: only one on the ground takes off")
         if not self._usable[index]:
             raise FlatsatError("the drone's pose is not known: it needs fresh poses to take off")
         climb = np.array([0.0, 0.0, require_positive("height", height, "m")])
-        self.refer(index, Trajectory.hold(place[:3] + climb, float(self.estimator.yaw[index])))
-        self._waits[index] = False
+        self._follow(index, Trajectory.hold(place + climb, float(self.estimator.yaw[index])), patient=False)
 
     def land(self, index: int) -> None:
         """Let drone index sink until it stands on something, then rest.
@@ -185,17 +191,17 @@ class Pilot:
         Raises:
             FlatsatError: it does not fly.
         """
-        if self.mode[index] not in (Mode.FLY, Mode.LEVEL):
-            raise FlatsatError(f"the drone is in {Mode(self.mode[index]).name}: only one in FLY or LEVEL can land")
-        above = self._references.sample(self._last_tick)[index, :3]
+        self._supervisor.require_mode(index, Mode.FLY, Mode.LEVEL, purpose="land")
+        above = self._references.sample(self._now)[index, :3]
         offset = float(self._state[index, 2] - above[2])
         below = above - [0.0, 0.0, max(above[2], 0.0) + max(offset, 0.0) + _LANDING_DEPTH]
         time = 1.875 * (above[2] - below[2]) / _LANDING_SPEED  # the quintic's top speed is 1.875 times its mean
-        rest, begin = np.zeros((2, 3)), self._last_tick
+        rest, begin = np.zeros((2, 3)), self._now
         yaw = float(self._references.yaw[index])
-        self.refer(index, Trajectory.through([begin, begin + time], [above, below], rest, rest, yaw))
+        self._follow(index, Trajectory.through([begin, begin + time], [above, below], rest, rest, yaw), patient=True)
         # a landing keeps its gain: with a smaller one the drone would rise above the reference first
-        self._landing[index], self._offset[index], self._referred[index] = True, offset, False
+        self._restarts[index] = False
+        self._touch_down.begin(index, offset)
 
     def hand_over(self, index: int) -> None:
         """Fall silent about drone index in flight: from now on somebody else must command it, within 0.5 s.
@@ -203,9 +209,8 @@ class Pilot:
         Raises:
             FlatsatError: it does not fly.
         """
-        if self.mode[index] != Mode.FLY:
-            raise FlatsatError(f"the drone is in {Mode(self.mode[index]).name}: only one in FLY can be handed over")
-        self.mode[index], self._requested[index] = Mode.IDLE, False
+        self._supervisor.release(index)
+        self._touch_down.end(index)
 
     def measure(
         self, index: int, stamp: float, position: Sequence[float], quaternion: Sequence[float], now: float
@@ -216,148 +221,112 @@ class Pilot:
     def tick(self, now: float) -> Tick:
         """Compute all commands at time now, s; called once per period of the certificate."""
         begin = perf_counter()
-        if now < self._last_tick:
+        if now < self._now:
             self.estimator.restart()
-            self._since = np.minimum(self._since, now)
-        self._last_tick = now
-        self._state = self.estimator.estimate(now)
-        self._usable = self.estimator.usable(now, self.policy.pose_timeout)
+            self._supervisor.set_clock_back(now)
+        self._now = now
+        estimated = self.estimator.estimate(now)
+        state, estimate = estimated[:, :6], estimated[:, 6:]
+        self._state = state
+        usable = self._usable = self.estimator.usable(now, self._policy.pose_timeout)
         reference = self._references.sample(now)
-        self._advance_modes(now, self._touched_down(now, reference), self._stuck(now))
+        transitions = self._supervisor.advance(
+            now,
+            state[:, 2],
+            usable,
+            self._touch_down.standing(now, state, reference),
+            self._lift_off.held(now, state[:, 2], self._climbing),
+        )
+        if transitions:
+            self._take(transitions)
+        flying = self.mode == _FLY
 
-        disturbance = self._compensated()
+        disturbance, spent = self._compensate(estimate, flying)
         base = reference.copy()
         base[:, 6:] -= disturbance
-        output = self._steer(base)
-        command, acceleration, yaw_rate = self._command(output)
+        output = self._steer(base, flying)
+        level = self.mode == _LEVEL
+        yaw_rate = self._yaw.turn(self.estimator.yaw, self._references.yaw, flying, level)
+        command, acceleration = self._command(output, flying, level)
 
-        margin = self._margin - np.sqrt((disturbance * disturbance).sum(axis=1))
-        assessment = self._watch.assess(output.error, margin, np.asarray(~base[:, 3:].any(axis=1)))
-        self._climbing = (self.mode == Mode.FLY.value) & (acceleration[:, 2] >= _CLIMB)
-        if self.policy.thrust_error_max > 0.0:
-            self._follow_thrust(acceleration)
-        self._watch.follow(acceleration)
+        margin = self._references.margin - spent
+        fixed = self._references.at_rest & (spent == 0.0)
+        assessment = self._monitor.assess(output.error, margin, fixed)
+        self._monitor.follow(acceleration - np.where(flying[:, np.newaxis], base[:, 6:], 0.0))
+        upward = acceleration[:, 2] + self.certificate.limits.gravity
+        high = state[:, 2] >= self._policy.ground_height
+        self._thrust.learn(upward, estimate[:, 2], flying & high, self.certificate.period)
+        self._climbing = flying & (acceleration[:, 2] >= _CLIMB)
         self.estimator.command(now, acceleration)
-        duration = perf_counter() - begin
         return Tick(
-            self.mode.copy(),
-            command,
-            yaw_rate,
-            self._heading,
-            output,
-            reference,
-            disturbance,
-            self._careful_thrust_scale(),
-            assessment,
-            duration,
+            mode=self.mode.copy(),
+            input=command,
+            yaw_rate=yaw_rate,
+            yaw=self._yaw.heading,
+            output=output,
+            reference=reference,
+            disturbance=disturbance,
+            thrust_scale=self._thrust.cautious(flying),
+            assessment=assessment,
+            transitions=transitions,
+            duration=perf_counter() - begin,
         )
 
-    def _steer(self, base: FloatArray) -> Output:
+    def _take(self, transitions: Sequence[Transition]) -> None:
+        """Let the parts know of the drones that changed their mode."""
+        gain, initial = self.memory.gain.copy(), self._controller.tuning.gain_initial
+        for index, before, after, _ in transitions:
+            if after in (Mode.CUT, Mode.REST):
+                self._touch_down.end(index)
+            elif after is Mode.UNLOCK:
+                self._lift_off.begin(index, float(self._state[index, 2]))
+            elif after is Mode.FLY and before is not Mode.LEVEL:
+                gain[index] = initial[index]
+        self.memory = Memory(gain)
+
+    def _steer(self, base: FloatArray, flying: np.ndarray) -> Output:
         """Step the law; a new reference that is far restarts the gain first, and only drones in FLY adapt theirs."""
-        yaw, tuning, flying = self.estimator.yaw, self._controller.tuning, self.mode == Mode.FLY.value
+        yaw, tuning = self.estimator.yaw, self._controller.tuning
         memory, output = self._controller.step(self.memory, self._state, yaw, base)
-        anew = self._referred & flying & tuning.restart & (output.lyapunov > tuning.threshold)
-        if anew.any():
-            self.memory = Memory(np.where(anew, tuning.gain_initial, self.memory.gain))
-            memory, output = self._controller.step(self.memory, self._state, yaw, base)
-        self._referred &= ~flying
+        if np.count_nonzero(self._restarts):
+            anew = self._restarts & flying & tuning.restart & (output.lyapunov > tuning.threshold)
+            if anew.any():
+                self.memory = Memory(np.where(anew, tuning.gain_initial, self.memory.gain))
+                memory, output = self._controller.step(self.memory, self._state, yaw, base)
+            self._restarts &= ~flying
         self.memory = Memory(np.where(flying, memory.gain, self.memory.gain))
         return output
 
-    def _command(self, output: Output) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return input, acceleration and yaw rate of each mode: the law's in FLY, level in LEVEL, else zero."""
-        yaw = self.estimator.yaw
-        error = _wrapped(self._references.yaw - yaw)
-        turn = np.clip(_YAW_GAIN * error, -_YAW_RATE_MAX, _YAW_RATE_MAX)
-        flying = self.mode == Mode.FLY.value
-        heading = _wrapped(yaw + turn / _YAW_GAIN)
-        if flying.all():
-            self._heading = heading
-            return output.input, output.acceleration, turn
-        level, flies = self.mode == Mode.LEVEL.value, flying[:, np.newaxis]
-        # level without poses, a drone keeps its heading; on the ground it has none to keep
-        self._heading = np.where(flying, heading, np.where(level, self._heading, yaw))
-        command = np.where(flies, output.input, np.where(level[:, np.newaxis], self._level, 0.0))
+    def _command(self, output: Output, flying: np.ndarray, level: np.ndarray) -> tuple[FloatArray, FloatArray]:
+        """Return input and acceleration of each mode: the law's in FLY, level in LEVEL, else zero."""
+        if np.count_nonzero(flying) == flying.size:
+            return output.input, output.acceleration
+        flies, gravity = flying[:, np.newaxis], self.certificate.limits.gravity
+        command = np.where(flies, output.input, 0.0)
         acceleration = np.where(flies, output.acceleration, 0.0)
-        acceleration[level, 2] = self._level[0] - self.certificate.limits.gravity
-        return command, acceleration, np.where(flying, turn, 0.0)
+        command[level, 0] = self._policy.level_thrust * gravity
+        acceleration[level, 2] = (self._policy.level_thrust - 1.0) * gravity
+        return command, acceleration
 
-    def _touched_down(self, now: float, reference: FloatArray) -> np.ndarray:
-        """Tell which landing drones stand: their reference has left them behind, and they have rested for a while."""
-        below = self._state[:, 2] - reference[:, 2] - self._offset > _TOUCH_DOWN_DISTANCE
-        resting = self._landing & below & (np.abs(self._state[:, 5]) < _TOUCH_DOWN_SPEED)
-        self._resting_since = np.where(resting, np.minimum(self._resting_since, now), np.inf)
-        return np.asarray(now - self._resting_since >= _TOUCH_DOWN_TIME)
+    def last_command(self, index: int) -> Command | None:
+        """Return what to leave behind with drone index on shutdown: level and sinking in the air, else zero thrust.
 
-    def _stuck(self, now: float) -> np.ndarray:
-        """Tell which drones have been told to climb for the lift-off time and have not left the ground."""
-        self._ground[np.abs(self._state[:, 2] - self._ground) >= _LIFT_OFF] = -np.inf
-        held = self._climbing & np.isfinite(self._ground)
-        self._held_since = np.where(held, np.minimum(self._held_since, now), np.inf)
-        return np.asarray(now - self._held_since >= self.policy.lift_off_time)
-
-    def last_input(self) -> FloatArray:
-        """Return the inputs (N, 3) to leave behind on shutdown: level and sinking for drones in the air, else zero."""
-        airborne = (self.mode == Mode.FLY.value) | (self.mode == Mode.LEVEL.value)
-        return np.where(airborne[:, np.newaxis], self._level, 0.0)
-
-    def _compensated(self) -> FloatArray:
-        """Return the estimated disturbances (N, 3), m/s^2, shortened to what the margins leave over."""
-        estimate = self.estimator.disturbance
-        size = np.sqrt((estimate * estimate).sum(axis=1))
-        most = np.minimum(self.policy.disturbance_max, _COMPENSATED_SHARE * self._margin)
-        factor = np.where(self.mode == Mode.FLY.value, np.minimum(1.0, most / np.maximum(size, _TINY)), 0.0)
-        return np.asarray(estimate * factor[:, np.newaxis])
-
-    def _follow_thrust(self, acceleration: FloatArray) -> None:
-        """Take what disturbs vertically for an error of the thrust, slowly: d_z = (actual / asked for - 1) T_z.
-
-        Not near the ground, which may carry the drone.
+        None for a drone in IDLE, which somebody else may fly.
         """
-        upward = acceleration[:, 2] + self.certificate.limits.gravity
-        flying = (self.mode == Mode.FLY.value) & (self._state[:, 2] >= self.policy.ground_height) & (upward > 0.0)
-        error = np.where(flying, self.estimator.disturbance[:, 2] / np.maximum(upward, _TINY), 0.0)
-        most = self.policy.thrust_error_max
-        step = self.certificate.period / _THRUST_TIME
-        self._thrust_scale = np.clip(self._thrust_scale * (1.0 + step * error), 1.0 - most, 1.0 + most)
+        mode = Mode(self.mode[index])
+        if mode is Mode.IDLE:
+            return None
+        airborne = mode in (Mode.FLY, Mode.LEVEL)
+        thrust = self._policy.level_thrust * self.certificate.limits.gravity if airborne else 0.0
+        scale = float(self._thrust.cautious(np.zeros(len(self.mode), dtype=bool))[index])
+        return Command(thrust / scale, 0.0, 0.0, 0.0, float(self._yaw.heading[index]))
 
-    def _careful_thrust_scale(self) -> FloatArray:
-        """Return the thrust scale, no less than 1 for drones that are not steered: they shall not climb by mistake."""
-        flying = self.mode == Mode.FLY.value
-        return np.where(flying, self._thrust_scale, np.maximum(self._thrust_scale, 1.0))
-
-    def _advance_modes(self, now: float, down: np.ndarray, stuck: np.ndarray) -> None:
-        for i in np.flatnonzero((self.mode != Mode.FLY.value) | ~self._usable | down | stuck):
-            before = Mode(self.mode[i])
-            after = next_mode(
-                before,
-                now - self._since[i],
-                requested=bool(self._requested[i]),
-                usable=bool(self._usable[i]),
-                height=float(self._state[i, 2]),
-                down=bool(down[i]),
-                policy=self.policy,
-                opening=bool(self._opening[i]),
-                stuck=bool(stuck[i]),
-                again=bool(self._again[i]),
-            )
-            self._opening[i] &= after is Mode.UNLOCK
-            if after is before:
-                continue
-            self.mode[i], self._since[i] = after, now
-            if after in (Mode.CUT, Mode.REST):
-                self._requested[i] = self._landing[i] = False
-            elif after is Mode.UNLOCK:
-                self._ground[i], self._again[i] = self._state[i, 2], before is Mode.FLY
-            elif after is Mode.IDLE:
-                self._requested[i] &= self._waits[i]
-            elif after is Mode.FLY and before is not Mode.LEVEL:
-                self.memory.gain[i] = self._controller.tuning.gain_initial[i]
-
-
-def _wrapped(angle: FloatArray) -> FloatArray:
-    """Return the same angles in [-pi, pi]."""
-    return np.asarray(np.mod(angle + np.pi, 2.0 * np.pi) - np.pi)
+    def _compensate(self, estimate: FloatArray, flying: np.ndarray) -> tuple[FloatArray, FloatArray]:
+        """Return the disturbances (N, 3), m/s^2, shortened to what the margins leave over, and their sizes."""
+        size = np.sqrt((estimate * estimate).sum(axis=1))
+        most = np.minimum(self._policy.disturbance_max, _COMPENSATED_SHARE * self._references.margin)
+        spent = np.where(flying, np.minimum(size, most), 0.0)
+        return estimate * (spent / np.maximum(size, _TINY))[:, np.newaxis], spent
 
 
 def _spread(tuning: Tuning, count: int) -> Tuning:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.arrays import FloatArray, finite_array, float_array
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.law import gain as gain_law
-from flatsat_ros.law.flatness import input_from_acceleration
+from flatsat_ros.law.flatness import input_from_finite
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.law.input_set import InputSet
 
@@ -110,19 +111,24 @@ class Controller:
         Raises:
             FlatsatError: a shape is wrong, an entry is not finite, or a reference acceleration leaves the input set.
         """
-        limits = self.certificate.limits
-        reference = finite_array("reference", reference, 9)
+        limits, gamma = self.certificate.limits, memory.gain
+        state, reference = float_array("state", state, 6), float_array("reference", reference, 9)
+        yaw = float_array("yaw", yaw)
         # xi = (p, pdot) - (p_ref, pdot_ref),  V = xi' P xi,  v0 = -B' P xi
-        xi = finite_array("state", state, 6) - reference[..., :6]
-        gradient = xi @ self._matrix
-        lyapunov = np.einsum("...i,...i->...", gradient, xi)
-        v0, v_ref = -gradient[..., 3:], reference[..., 6:]
+        with np.errstate(over="ignore", invalid="ignore"):
+            xi, v_ref = state - reference[..., :6], reference[..., 6:]
+            gradient = xi @ self._matrix
+            lyapunov = (gradient * xi).sum(axis=-1)
+            v0 = -gradient[..., 3:]
 
-        # v = v_ref + k v0: as far toward v_ref + gamma v0 as V_c reaches
-        gamma = memory.gain
-        k = np.minimum(gamma, limits.exit_factor(v_ref, v0))
-        v = v_ref + k[..., np.newaxis] * v0
-        u = input_from_acceleration(v, yaw, limits.gravity)
+            # v = v_ref + k v0: as far toward v_ref + gamma v0 as V_c reaches
+            k = np.minimum(gamma, limits.exit_factor_of_finite(v_ref, v0))
+            v = v_ref + k[..., np.newaxis] * v0
+            u = input_from_finite(v, yaw, limits.gravity)
+        if not math.isfinite(u.sum()):  # one look at the end instead of one at each array
+            found = {"state": state, "reference": reference, "yaw": yaw, "gain": gamma, "P xi": gradient}
+            for name, value in found.items():
+                finite_array(name, value)
 
         following = Memory(gain=gain_law.adapt(gamma, lyapunov, self.tuning, self.certificate.period))
         return following, Output(v, u, xi, lyapunov, gamma, k, k < gamma)

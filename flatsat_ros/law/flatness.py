@@ -40,11 +40,11 @@ def input_from_acceleration(v: ArrayLike, yaw: ArrayLike, gravity: float = GRAVI
     """
     v = finite_array("v", v, 3)
     yaw = finite_array("yaw", yaw)
-    return _input_from_finite(v, yaw, gravity)
+    return input_from_finite(v, yaw, gravity)
 
 
-def _input_from_finite(v: FloatArray, yaw: FloatArray, gravity: float) -> FloatArray:
-    """Compute u = Phi(v) for checked arrays."""
+def input_from_finite(v: FloatArray, yaw: FloatArray, gravity: float) -> FloatArray:
+    """Return `input_from_acceleration` of arrays that are known to be finite, (..., 3) and (...)."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     v1, v2 = v[..., 0], v[..., 1]
     h1 = cos * v1 + sin * v2

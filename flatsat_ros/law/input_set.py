@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -102,9 +103,10 @@ class InputSet:
             raise FlatsatError(
                 f"erosion = {erosion} m/s^2: must lie in [0, inner radius) = [0, {self.inner_radius:.6g})"
             )
-        return self._gauge_of_finite(finite_array("v", v, 3), erosion)
+        return self.gauge_of_finite(finite_array("v", v, 3), erosion)
 
-    def _gauge_of_finite(self, v: FloatArray, erosion: float = 0.0) -> FloatArray:
+    def gauge_of_finite(self, v: FloatArray, erosion: float = 0.0) -> FloatArray:
+        """Return `gauge` of an array that is known to be finite and (..., 3)."""
         g, sin = self.gravity, math.sin(self.tilt_max)
         scale, v1, v2, v3 = _scaled(v)
         horizontal = np.hypot(v1, v2)
@@ -116,6 +118,25 @@ class InputSet:
         # the branch without cancellation: root / room going up, square / root going down
         sphere = np.where(v3 >= 0.0, root / room, square / np.where(root > 0.0, root, 1.0))
         return np.asarray(np.maximum(np.maximum(cone, plane), sphere) * scale)
+
+    def worst_gauge(self, horizontal: FloatArray, vertical: FloatArray) -> FloatArray:
+        """Return the largest gauge of any v with |(v1, v2)| = horizontal and |v3| = vertical.
+
+        Upward it is the sphere's, downward the cone's or that of T_min.
+
+        Args:
+            horizontal: (...) at least 0, m/s^2.
+            vertical: (...) at least 0, m/s^2.
+
+        Returns:
+            (...) dimensionless.
+        """
+        g, sin, cos = self.gravity, math.sin(self.tilt_max), math.cos(self.tilt_max)
+        room = (self.thrust_max - g) * (self.thrust_max + g)
+        cone = (horizontal * cos + vertical * sin) / (g * sin)
+        floor = vertical / (g - self.thrust_min)
+        sphere = (g * vertical + np.hypot(g * vertical, math.sqrt(room) * np.hypot(horizontal, vertical))) / room
+        return np.asarray(np.maximum(np.maximum(cone, floor), sphere))
 
     def saturate(self, v: ArrayLike) -> FloatArray:
         """Return the longest vector of V_c in the direction of v and no longer than v: sat(v) = v / max(1, psi(v)).
@@ -130,7 +151,7 @@ class InputSet:
             FlatsatError: the shape is wrong or an entry is not finite.
         """
         v = finite_array("v", v, 3)
-        return v / np.maximum(1.0, self._gauge_of_finite(v))[..., np.newaxis]
+        return v / np.maximum(1.0, self.gauge_of_finite(v))[..., np.newaxis]
 
     def exit_factor(self, base: ArrayLike, v: ArrayLike) -> FloatArray:
         """Return the largest factor lambda with base + lambda v in V_c; infinite where v = 0.
@@ -148,9 +169,12 @@ class InputSet:
             FlatsatError: a shape is wrong, an entry is not finite, or a base lies outside V_c.
         """
         base = finite_array("base", base, 3)
-        v = finite_array("v", v, 3)
+        return self.exit_factor_of_finite(base, finite_array("v", v, 3))
+
+    def exit_factor_of_finite(self, base: FloatArray, v: FloatArray) -> FloatArray:
+        """Return `exit_factor` of arrays that are known to be finite and (..., 3)."""
         p1, p2, up = base[..., 0], base[..., 1], base[..., 2] + self.gravity
-        slope = math.tan(self.tilt_max)
+        slope = self._slope
         radius, reach = np.hypot(p1, p2), slope * up
         thrust = np.hypot(radius, up)
         # what is left to the sphere, to the cone and to the plane of T_min
@@ -213,7 +237,12 @@ class InputSet:
         }
         return min(distances, key=lambda name: distances[name])
 
-    @property
+    @cached_property
+    def _slope(self) -> float:
+        """tan(eps_max), the slope of the cone."""
+        return math.tan(self.tilt_max)
+
+    @cached_property
     def inner_radius(self) -> float:
         """Radius r_in of the largest ball around 0 in V_c, m/s^2: min(g sin eps_max, T_max - g, g - T_min)."""
         return min(

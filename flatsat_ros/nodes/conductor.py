@@ -19,9 +19,9 @@ from std_srvs.srv import SetBool, Trigger
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.crazyflie.wire import input_from_setpoint
-from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS
+from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.bag import Recorded
 from flatsat_ros.nodes.ros.interfaces import Topic

@@ -19,15 +19,14 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.certificate.sets import Place
-from flatsat_ros.crazyflie.wire import Backend, YawMode, setpoint_from_input
+from flatsat_ros.crazyflie.wire import Backend, setpoint_from_command
 from flatsat_ros.flight import telemetry
-from flatsat_ros.flight.pilot import Pilot, Tick
-from flatsat_ros.flight.reference import Trajectory
-from flatsat_ros.flight.supervisor import Mode, Policy
+from flatsat_ros.flight.pilot import Command, Pilot, Tick
+from flatsat_ros.flight.supervisor import Mode, Policy, Transition
+from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.controller import Controller
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.nodes.crazyswarm import SETTLED, DroneLink
@@ -138,11 +137,11 @@ class ControllerNode(Node):  # type: ignore[misc]
         end = self.get_clock().now() + Duration(seconds=_FAREWELL)
         while any(link.is_releasing for link in self._links) and self.get_clock().now() < end:
             self.executor.spin_once(timeout_sec=_PATIENCE)
-        active = np.flatnonzero(self._pilot.mode != Mode.IDLE.value)
-        for index in active:
-            scale = max(float(self._last.thrust_scale[index]), 1.0)
-            self._publish_command(index, self._pilot.last_input()[index], 0.0, self._last, scale)
-        for index in active:
+        last = {index: self._pilot.last_command(index) for index in range(len(self.robots))}
+        commanded = {index: command for index, command in last.items() if command is not None}
+        for index, command in commanded.items():
+            self._publish_command(index, command)
+        for index in commanded:
             self._command_publishers[index].wait_for_all_acked(Duration(seconds=_FAREWELL))
 
     def _connect(self, index: int, robot: str) -> None:
@@ -227,7 +226,7 @@ class ControllerNode(Node):  # type: ignore[misc]
     def _refer(self, index: int, read: Callable[[], Trajectory]) -> None:
         """Take a reference, or keep the old one and say why."""
         try:
-            self._pilot.refer(index, read())
+            self._pilot.set_reference(index, read())
         except FlatsatError as error:
             self.get_logger().error(f"{self.robots[index]}: reference refused, the previous one stays: {error}")
 
@@ -236,36 +235,32 @@ class ControllerNode(Node):  # type: ignore[misc]
         self._take_poses(now)
         tick = self._pilot.tick(now)
         self._durations.append(tick.duration * 1e6)
-        self._follow_modes(self._last, tick)
+        self._follow_transitions(tick.transitions)
         self._last = tick
         rows = telemetry.rows(tick)
         for index in range(len(self.robots)):
-            if tick.mode[index] != Mode.IDLE.value:
-                scale, rate = float(tick.thrust_scale[index]), float(tick.yaw_rate[index])
-                self._publish_command(index, tick.input[index], rate, tick, scale)
+            command = tick.command(index)
+            if command is not None:
+                self._publish_command(index, command)
             messages.fill_telemetry(self._telemetry, rows[index])
             self._telemetry_publishers[index].publish(self._telemetry)
 
-    def _follow_modes(self, before: Tick | None, now: Tick) -> None:
-        """Say who did not lift off; tell the drones whose set-points have ended, if their links have a way to."""
-        if before is None:
-            return
-        for index in np.flatnonzero((before.mode == Mode.FLY.value) & (now.mode == Mode.CUT.value)):
-            self.get_logger().error(
-                f"{self.robots[index]}: told to climb, but did not leave the ground: motors cut. Not armed, locked "
-                "until reboot, not linked, or heavier than its vehicle profile? A new reference tries again"
-            )
-        for index in np.flatnonzero(now.mode != Mode.IDLE.value):
-            self._links[index].take()
-        through = (before.mode == Mode.REST.value) | (before.mode == Mode.UNLOCK.value)
-        for index in np.flatnonzero(through & (now.mode == Mode.IDLE.value)):
-            self._links[index].release(in_flight=False)
+    def _follow_transitions(self, transitions: Sequence[Transition]) -> None:
+        """Say who did not lift off; tell the drones whose set-points begin or end, if their links have a way to."""
+        for index, before, after, reason in transitions:
+            robot, link = self.robots[index], self._links[index]
+            if before is Mode.FLY and after is Mode.CUT:
+                self.get_logger().error(
+                    f"{robot}: {reason}: motors cut. Not armed, locked until reboot, not linked, or heavier than its "
+                    "vehicle profile? A new reference tries again"
+                )
+            if after is not Mode.IDLE:
+                link.take()
+            elif before in (Mode.REST, Mode.UNLOCK):
+                link.release(in_flight=False)
 
-    def _publish_command(self, index: int, command: FloatArray, yaw_rate: float, tick: Tick, scale: float) -> None:
-        thrust, roll, pitch = command.tolist()
-        turn = yaw_rate if self._yaw_mode is YawMode.RATE else float(tick.yaw[index])
-        vehicle, asked = self._vehicles[index], thrust / scale
-        setpoint = setpoint_from_input(asked, roll, pitch, turn, vehicle, self._backend, self._yaw_mode)
+    def _publish_command(self, index: int, command: Command) -> None:
+        setpoint = setpoint_from_command(*command, self._vehicles[index], self._backend, self._yaw_mode)
         messages.fill_command(self._command, setpoint)
         self._command_publishers[index].publish(self._command)
 

@@ -19,8 +19,8 @@ from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.demo.scenario import POSE_NOISE, VEHICLE
 from flatsat_ros.flight.pilot import Pilot, Tick
-from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Policy
+from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.controller import Controller
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.closed_loop import fly
@@ -81,7 +81,7 @@ def run_gain_laws(certificate: Certificate) -> GainRuns:
         end = _CLIMB + (leg + 1) * LEG_TIME
         for i, place in enumerate(places):
             side = DISTANCE * (leg >= 0) * (leg + 1) % (2.0 * DISTANCE)
-            pilot.refer(i, Trajectory.hold(place + [side, 0.0, 1.0]))
+            pilot.set_reference(i, Trajectory.hold(place + [side, 0.0, 1.0]))
         now = fly(pilot, fleet, vehicle, end, observe, start=now)
     return GainRuns(np.array(time), np.array(gain), np.array(tilt), cap, *_disturbed(certificate))
 

@@ -8,7 +8,7 @@ from scipy.interpolate import make_interp_spline
 
 from flatsat_ros.base.arrays import finite_array
 from flatsat_ros.base.errors import FlatsatError, require_positive
-from flatsat_ros.flight.reference import Trajectory
+from flatsat_ros.flight.trajectory import Trajectory
 
 _DEGREE = 5
 

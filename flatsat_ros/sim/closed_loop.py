@@ -6,9 +6,8 @@ import math
 from collections.abc import Callable
 
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
-from flatsat_ros.crazyflie.wire import WireSetpoint, YawMode, setpoint_from_input
+from flatsat_ros.crazyflie.wire import WireSetpoint, setpoint_from_command
 from flatsat_ros.flight.pilot import Pilot, Tick
-from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.sensor import Sample
 
@@ -48,14 +47,10 @@ def fly(
             pilot.measure(sample.drone, sample.stamp, sample.position.tolist(), sample.quaternion.tolist(), now)
         tick = pilot.tick(now)
         sent = {}
-        yaw = tick.yaw if fleet.yaw_mode is YawMode.ANGLE else tick.yaw_rate
-        for index, mode in enumerate(tick.mode):
-            if mode != Mode.IDLE:
-                thrust, roll, pitch = tick.input[index].tolist()
-                asked = thrust / float(tick.thrust_scale[index])
-                sent[index] = setpoint_from_input(
-                    asked, roll, pitch, float(yaw[index]), vehicle, yaw_mode=fleet.yaw_mode
-                )
+        for index in range(fleet.count):
+            command = tick.command(index)
+            if command is not None:
+                sent[index] = setpoint_from_command(*command, vehicle, yaw_mode=fleet.yaw_mode)
                 fleet.command(index, *sent[index])
         observe(now, samples, tick, sent)
     return start + ticks * period

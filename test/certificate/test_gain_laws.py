@@ -14,8 +14,8 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
 from flatsat_ros.flight.pilot import Pilot
-from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Policy
+from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.controller import Controller
 from flatsat_ros.law.gain import Tuning, adapt
 from flatsat_ros.law.input_set import InputSet
@@ -95,7 +95,7 @@ def repeated_set_points(tuning: Tuning) -> list[float]:
     for tick in range(4 * 80):
         now = tick * PERIOD
         if tick % 80 == 0:
-            pilot.refer(0, Trajectory.hold([1.0 if tick % 160 == 0 else 0.0, 0.0, 1.0]))
+            pilot.set_reference(0, Trajectory.hold([1.0 if tick % 160 == 0 else 0.0, 0.0, 1.0]))
         pilot.measure(0, now, state[:3].tolist(), (0.0, 0.0, 0.0, 1.0), now)
         v = pilot.tick(now).output.acceleration[0] if tick > 2 else np.zeros(3)
         state[:3] += PERIOD * state[3:] + PERIOD**2 / 2.0 * v

@@ -23,9 +23,9 @@ from flatsat_ros.cli import demo
 from flatsat_ros.demo import live as demo_live
 from flatsat_ros.demo import record as demo_record
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
-from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS
+from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.input_set import InputSet
 
 ROBOT_KEYS = {"rms_m", "rms_paper_m", "gamma_final", "tilt_max_rad", "thrust_min", "thrust_max", "landed"}

@@ -15,8 +15,8 @@ from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.flight.pilot import Pilot, Tick
-from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Mode, Policy
+from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.flatness import acceleration_from_input
 from flatsat_ros.law.gain import Tuning
 
@@ -92,7 +92,7 @@ def airborne(count: int = 1) -> World:
     """Drones hovering at 1 m."""
     world = World(count, start=(0.0, 0.0, 1.0))
     for i in range(count):
-        world.pilot.refer(i, Trajectory.hold([0.0, 0.0, 1.0]))
+        world.pilot.set_reference(i, Trajectory.hold([0.0, 0.0, 1.0]))
     world.fly(1.0)
     assert (world.pilot.mode == Mode.FLY).all()
     return world
@@ -102,7 +102,7 @@ def airborne(count: int = 1) -> World:
 def test_the_papers_set_point_flight_arrives(mu: float) -> None:
     world = World(mu=mu)
     assert modes(world.fly(0.5)) == [Mode.IDLE]
-    world.pilot.refer(0, Trajectory.hold(GOAL))
+    world.pilot.set_reference(0, Trajectory.hold(GOAL))
     ticks = world.fly(12.0)
     assert modes(ticks) == [Mode.UNLOCK, Mode.FLY]
     assert np.linalg.norm(world.x[0, :3] - GOAL) < 0.01
@@ -117,7 +117,7 @@ def test_a_drone_without_reference_or_without_poses_is_left_alone() -> None:
     assert modes(world.fly(1.0)) == [Mode.IDLE]
     world.blind[:] = True
     world.fly(1.0)
-    world.pilot.refer(0, Trajectory.hold(GOAL))
+    world.pilot.set_reference(0, Trajectory.hold(GOAL))
     assert modes(world.fly(2.0)) == [Mode.IDLE]
     world.blind[:] = False
     assert modes(world.fly(1.0))[-1] is Mode.FLY
@@ -126,7 +126,7 @@ def test_a_drone_without_reference_or_without_poses_is_left_alone() -> None:
 def test_a_drone_in_the_air_is_taken_over_without_a_motor_cut() -> None:
     world = World(start=(0.0, 0.0, 1.0))
     world.fly(0.3)
-    world.pilot.refer(0, Trajectory.hold([0.0, 0.0, 1.0]))
+    world.pilot.set_reference(0, Trajectory.hold([0.0, 0.0, 1.0]))
     assert modes(world.fly(0.5)) == [Mode.FLY]
 
 
@@ -136,7 +136,7 @@ def test_a_yaw_angle_goes_the_shorter_way_and_leads_the_drone_by_a_limited_angle
     world = airborne()
     world.yaw[:] = start
     world.fly(0.3)
-    world.pilot.refer(0, Trajectory.hold([0.0, 0.0, 1.0], goal))
+    world.pilot.set_reference(0, Trajectory.hold([0.0, 0.0, 1.0], goal))
     for _ in range(40):
         (tick,) = world.fly(0.1)
         assert -math.pi <= tick.yaw[0] <= math.pi
@@ -149,7 +149,7 @@ def test_a_yaw_angle_goes_the_shorter_way_and_leads_the_drone_by_a_limited_angle
 
 def test_level_without_poses_a_drone_keeps_its_heading() -> None:
     world = airborne()
-    world.pilot.refer(0, Trajectory.hold([0.0, 0.0, 1.0], 1.0))
+    world.pilot.set_reference(0, Trajectory.hold([0.0, 0.0, 1.0], 1.0))
     heading = world.fly(4.0)[-1].yaw[0]
     assert heading == pytest.approx(1.0)
     world.blind[:] = True
@@ -160,7 +160,7 @@ def test_level_without_poses_a_drone_keeps_its_heading() -> None:
 
 def test_lost_poses_level_then_cut_and_only_a_new_reference_flies_again() -> None:
     world = airborne()
-    world.pilot.refer(0, Trajectory.hold([0.0, 0.0, 1.0], yaw=2.0))
+    world.pilot.set_reference(0, Trajectory.hold([0.0, 0.0, 1.0], yaw=2.0))
     world.blind[:] = True
     ticks = world.fly(3.0)
     assert modes(ticks) == [Mode.FLY, Mode.LEVEL, Mode.CUT]
@@ -171,7 +171,7 @@ def test_lost_poses_level_then_cut_and_only_a_new_reference_flies_again() -> Non
         assert tick.yaw_rate[0] == 0.0
     world.blind[:] = False
     assert modes(world.fly(2.0)) == [Mode.CUT]
-    world.pilot.refer(0, Trajectory.hold([0.0, 0.0, 1.0]))
+    world.pilot.set_reference(0, Trajectory.hold([0.0, 0.0, 1.0]))
     assert modes(world.fly(6.0)) == [Mode.UNLOCK, Mode.FLY]
     assert abs(world.x[0, 2] - 1.0) < 0.05
 
@@ -187,22 +187,22 @@ def test_poses_that_come_back_in_time_let_it_fly_on() -> None:
 
 def test_the_velocity_is_right_because_the_pilot_knows_its_own_commands() -> None:
     world = airborne()
-    world.pilot.refer(0, Trajectory.hold([0.5, 0.0, 1.2]))
+    world.pilot.set_reference(0, Trajectory.hold([0.5, 0.0, 1.2]))
     world.blind[:] = True
     for _ in range(20):  # one pose in each tick is all there is
         world.pilot.measure(0, world.now, tuple(world.x[0, :3]), (0.0, 0.0, 0.0, 1.0), world.now)
         world.fly(0.1)
-        np.testing.assert_allclose(world.pilot.estimator.estimate(world.now)[0], world.x[0], rtol=0.0, atol=1e-3)
+        np.testing.assert_allclose(world.pilot.estimator.estimate(world.now)[0, :6], world.x[0], rtol=0.0, atol=1e-3)
     sinking = world.fly(0.35)
     assert modes(sinking)[-1] is Mode.LEVEL
     world.pilot.measure(0, world.now, tuple(world.x[0, :3]), (0.0, 0.0, 0.0, 1.0), world.now)
-    np.testing.assert_allclose(world.pilot.estimator.estimate(world.now)[0], world.x[0], rtol=0.0, atol=1e-3)
+    np.testing.assert_allclose(world.pilot.estimator.estimate(world.now)[0, :6], world.x[0], rtol=0.0, atol=1e-3)
 
 
 def test_gains_rest_while_a_drone_is_not_flying_and_start_anew_after_a_cut() -> None:
     world = airborne()
     world.pilot.retune(Tuning(2.0, 0.05, 1.0, CERTIFICATE.gain_max, restart=False))
-    world.pilot.refer(0, Trajectory.hold([0.8, 0.0, 1.0]))
+    world.pilot.set_reference(0, Trajectory.hold([0.8, 0.0, 1.0]))
     world.fly(2.0)
     gain = float(world.pilot.memory.gain[0])
     assert gain > 1.5
@@ -212,7 +212,7 @@ def test_gains_rest_while_a_drone_is_not_flying_and_start_anew_after_a_cut() -> 
             assert world.pilot.memory.gain[0] == tick.output.gain[0]
     assert world.pilot.memory.gain[0] < gain + 0.1
     world.blind[:] = False
-    world.pilot.refer(0, Trajectory.hold([0.0, 0.0, 0.1]))
+    world.pilot.set_reference(0, Trajectory.hold([0.0, 0.0, 0.1]))
     ticks = world.fly(0.7)
     assert next(tick.output.gain[0] for tick in ticks if tick.mode[0] == Mode.FLY) == 1.0
 
@@ -220,13 +220,14 @@ def test_gains_rest_while_a_drone_is_not_flying_and_start_anew_after_a_cut() -> 
 def test_one_drone_in_trouble_does_not_disturb_the_others() -> None:
     alone, both = airborne(1), airborne(2)
     for world in (alone, both):
-        world.pilot.refer(0, Trajectory.hold([0.5, 0.0, 1.2]))
+        world.pilot.set_reference(0, Trajectory.hold([0.5, 0.0, 1.2]))
     both.blind[1] = True
     for a, b in zip(alone.fly(5.0), both.fly(5.0), strict=True):
         np.testing.assert_allclose(a.input[0], b.input[0], rtol=1e-9, atol=1e-12)
         assert a.mode[0] == b.mode[0]
     assert both.pilot.mode.tolist() == [Mode.FLY, Mode.CUT]
-    np.testing.assert_array_equal(both.pilot.last_input(), [[0.95 * GRAVITY, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    assert both.pilot.last_command(0) == (0.95 * GRAVITY, 0.0, 0.0, 0.0, 0.0)
+    assert both.pilot.last_command(1) == (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(("start", "goal"), [(0.0, 1.0), (0.0, -1.0), (3.0, -3.0), (-3.0, 3.0)])
@@ -234,7 +235,7 @@ def test_the_yaw_turns_the_shorter_way_while_the_position_is_held(start: float, 
     world = World(start=(0.0, 0.0, 1.0))
     world.yaw[:] = start
     world.fly(0.2)
-    world.pilot.refer(0, Trajectory.hold([0.0, 0.0, 1.0], goal))
+    world.pilot.set_reference(0, Trajectory.hold([0.0, 0.0, 1.0], goal))
     world.fly(4.0)
     way = (goal - start + math.pi) % (2.0 * math.pi) - math.pi
     assert world.yaw[0] == pytest.approx(start + way, abs=0.02)
@@ -244,7 +245,7 @@ def test_the_yaw_turns_the_shorter_way_while_the_position_is_held(start: float, 
 def test_a_reference_that_leaves_no_margin_is_refused_and_the_old_one_stays() -> None:
     world, zero = airborne(), np.zeros((2, 3))
     with pytest.raises(FlatsatError, match="fly it slower"):
-        world.pilot.refer(0, Trajectory.through([0.0, 0.5], [[0.0, 0.0, 1.0], [1.0, 0.0, 1.0]], zero, zero))
+        world.pilot.set_reference(0, Trajectory.through([0.0, 0.5], [[0.0, 0.0, 1.0], [1.0, 0.0, 1.0]], zero, zero))
     world.fly(2.0)
     assert np.linalg.norm(world.x[0, :3] - [0.0, 0.0, 1.0]) < 0.01
 
@@ -254,7 +255,7 @@ def test_a_new_tuning_acts_on_the_next_tick_and_a_bad_one_leaves_the_old() -> No
     with pytest.raises(FlatsatError):
         world.pilot.retune(Tuning(1.0, 0.05, 1.0, 100.0))
     for i in range(2):
-        world.pilot.refer(i, Trajectory.hold([0.8, 0.0, 1.0]))
+        world.pilot.set_reference(i, Trajectory.hold([0.8, 0.0, 1.0]))
     world.pilot.retune(Tuning([0.0, 5.0], 0.05, 1.0, CERTIFICATE.gain_max))
     world.fly(1.0)
     assert world.pilot.memory.gain[0] == 1.0
@@ -266,7 +267,7 @@ def test_a_new_tuning_acts_on_the_next_tick_and_a_bad_one_leaves_the_old() -> No
 @pytest.mark.parametrize("step", [-100.0, -1.0, 100.0])
 def test_a_stepping_clock_levels_the_drone_for_a_moment_only(step: float) -> None:
     world = airborne()
-    world.pilot.refer(0, Trajectory.through(*[[world.now + 1.0, world.now + 9.0]], *ROUTE))
+    world.pilot.set_reference(0, Trajectory.through(*[[world.now + 1.0, world.now + 9.0]], *ROUTE))
     world.fly(3.0)
     world.offset += step
     ticks = world.fly(1.0)
@@ -319,7 +320,7 @@ def test_arming_on_the_ground_opens_the_thrust_lock_and_is_silent_again() -> Non
     ticks = world.fly(1.0)
     assert modes(ticks) == [Mode.UNLOCK, Mode.IDLE]
     assert not np.array([tick.input for tick in ticks]).any()
-    world.pilot.refer(0, Trajectory.hold(GOAL))
+    world.pilot.set_reference(0, Trajectory.hold(GOAL))
     assert modes(world.fly(1.0)) == [Mode.UNLOCK, Mode.FLY]
 
 
@@ -374,7 +375,7 @@ def test_a_drone_that_somebody_else_flies_is_not_disarmed() -> None:
 
 def test_disarming_withdraws_a_goal() -> None:
     world = World()
-    world.pilot.refer(0, Trajectory.hold(GOAL))
+    world.pilot.set_reference(0, Trajectory.hold(GOAL))
     world.pilot.arm(0, False)
     world.pilot.arm(0, True)
     assert Mode.FLY not in modes(world.fly(2.0))
@@ -386,7 +387,7 @@ def test_poses_that_come_back_start_a_drone_that_has_a_goal_but_no_take_off_of_b
     world.pilot = Pilot(CERTIFICATE, tuning(), Policy(unlock_time=1.0), 1)
     world.fly(0.5)
     if by_goal:
-        world.pilot.refer(0, Trajectory.hold(GOAL))
+        world.pilot.set_reference(0, Trajectory.hold(GOAL))
     else:
         world.pilot.take_off(0, 0.5)
     assert modes(world.fly(0.2))[-1] is Mode.UNLOCK
@@ -415,7 +416,7 @@ def test_a_goal_and_a_take_off_while_the_lock_opens_are_flown(by_goal: bool) -> 
     world.pilot.arm(0, True)
     world.fly(0.2)
     if by_goal:
-        world.pilot.refer(0, Trajectory.hold(GOAL))
+        world.pilot.set_reference(0, Trajectory.hold(GOAL))
     else:
         world.pilot.take_off(0, 0.5)
     assert modes(world.fly(1.0)) == [Mode.UNLOCK, Mode.FLY]
@@ -425,7 +426,7 @@ def test_a_drone_that_does_not_lift_off_is_cut_and_begins_anew_with_its_first_ga
     world = World()
     world.held = True
     world.fly(0.5)
-    world.pilot.refer(0, Trajectory.hold(GOAL))
+    world.pilot.set_reference(0, Trajectory.hold(GOAL))
     ticks = world.fly(9.0)
     assert modes(ticks) == [Mode.UNLOCK, Mode.FLY, Mode.UNLOCK, Mode.FLY, Mode.CUT]
     told = sum(tick.mode[0] == Mode.FLY for tick in ticks) * CERTIFICATE.period
@@ -433,7 +434,7 @@ def test_a_drone_that_does_not_lift_off_is_cut_and_begins_anew_with_its_first_ga
     assert ticks[-1].output.gain[0] > 2.0
     assert modes(world.fly(3.0)) == [Mode.CUT]
     world.held = False
-    world.pilot.refer(0, Trajectory.hold(GOAL))
+    world.pilot.set_reference(0, Trajectory.hold(GOAL))
     ticks = world.fly(12.0)
     assert modes(ticks) == [Mode.UNLOCK, Mode.FLY]
     assert next(tick for tick in ticks if tick.mode[0] == Mode.FLY).output.gain[0] < 1.5
@@ -444,7 +445,7 @@ def test_a_drone_whose_first_unlocking_went_unheard_is_unlocked_again_and_flies(
     world = World()
     world.held = True
     world.fly(0.5)
-    world.pilot.refer(0, Trajectory.hold(GOAL))
+    world.pilot.set_reference(0, Trajectory.hold(GOAL))
     before = world.fly(4.0)
     assert modes(before)[:3] == [Mode.UNLOCK, Mode.FLY, Mode.UNLOCK]
     world.held = False
@@ -455,7 +456,7 @@ def test_a_drone_whose_first_unlocking_went_unheard_is_unlocked_again_and_flies(
 def test_a_drone_that_rests_on_the_ground_by_its_goal_is_not_cut() -> None:
     world = World()
     world.fly(0.5)
-    world.pilot.refer(0, Trajectory.hold([-0.6, -0.6, 0.0]))
+    world.pilot.set_reference(0, Trajectory.hold([-0.6, -0.6, 0.0]))
     assert modes(world.fly(10.0)) == [Mode.UNLOCK, Mode.FLY]
 
 
@@ -467,7 +468,7 @@ def test_a_drone_that_was_unlocked_high_up_and_is_off_its_place_is_never_cut(goa
     world.x[0], world.held = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0), True  # in somebody's hand
     world.blind[:] = False
     assert modes(world.fly(1.0))[-1] is Mode.CUT
-    world.pilot.refer(0, Trajectory.hold([0.0, 0.0, goal]))
+    world.pilot.set_reference(0, Trajectory.hold([0.0, 0.0, goal]))
     assert modes(world.fly(0.3))[-1] is Mode.UNLOCK
     world.held = False
     world.missing = 0.7  # m/s^2: it asks for more all the time
@@ -479,7 +480,7 @@ def test_a_drone_that_was_unlocked_high_up_and_is_off_its_place_is_never_cut(goa
 def test_a_drone_that_has_lifted_off_is_never_cut_however_long_it_asks_for_more() -> None:
     world = World()
     world.fly(0.5)
-    world.pilot.refer(0, Trajectory.hold([-0.6, -0.6, 1.0]))
+    world.pilot.set_reference(0, Trajectory.hold([-0.6, -0.6, 1.0]))
     world.missing = 0.7
     ticks = world.fly(20.0)
     assert max(float(tick.output.acceleration[0, 2]) for tick in ticks[-50:]) > 0.5
@@ -491,7 +492,7 @@ def test_an_estimated_thrust_never_makes_a_blind_drone_climb() -> None:
     world = World()
     world.pilot = pilot
     world.fly(0.5)
-    pilot.refer(0, Trajectory.hold([-0.6, -0.6, 1.0]))
+    pilot.set_reference(0, Trajectory.hold([-0.6, -0.6, 1.0]))
     world.missing = 3.0
     ticks = world.fly(20.0)
     assert ticks[-1].thrust_scale[0] < 0.9
@@ -499,3 +500,33 @@ def test_an_estimated_thrust_never_makes_a_blind_drone_climb() -> None:
     ticks = world.fly(2.0)
     assert ticks[-1].mode[0] == Mode.LEVEL
     assert ticks[-1].input[0, 0] / ticks[-1].thrust_scale[0] < LIMITS.gravity
+
+
+def test_a_tick_tells_every_transition_and_why() -> None:
+    world = World()
+    world.fly(0.5)
+    world.pilot.set_reference(0, Trajectory.hold(GOAL))
+    told = [t for tick in world.fly(3.0) for t in tick.transitions]
+    world.pilot.hand_over(0)
+    told += [t for tick in world.fly(0.2) for t in tick.transitions]
+    assert [(t.drone, t.before, t.after) for t in told] == [
+        (0, Mode.IDLE, Mode.UNLOCK), (0, Mode.UNLOCK, Mode.FLY), (0, Mode.FLY, Mode.IDLE),
+    ]  # fmt: skip
+    assert [t.reason for t in told] == [
+        "a reference is there and the drone stands on the ground", "the thrust lock is open", "handed over",
+    ]  # fmt: skip
+
+
+def test_what_a_tick_has_given_never_changes_afterwards() -> None:
+    world = airborne(2)
+    tick = world.fly(0.1)[0]
+    memory = world.pilot.memory
+    kept = {name: np.array(getattr(tick, name)) for name in ("mode", "input", "yaw_rate", "yaw", "reference")}
+    kept |= {"gain": memory.gain.copy(), "thrust_scale": tick.thrust_scale.copy()}
+    world.blind[0] = True
+    world.fly(4.0)
+    world.blind[0] = False
+    world.pilot.set_reference(0, Trajectory.hold([0.3, 0.0, 1.0], 1.0))
+    world.fly(1.0)
+    for name, value in kept.items():
+        np.testing.assert_array_equal(memory.gain if name == "gain" else getattr(tick, name), value)

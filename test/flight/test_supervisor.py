@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.flight.supervisor import Mode, Policy, next_mode
+from flatsat_ros.flight.supervisor import Mode, Policy, Situation, next_mode
 
 POLICY = Policy(pose_timeout=0.3, level_time=3.0, unlock_time=0.5, ground_height=0.15, level_thrust=0.9)
 
@@ -45,7 +45,6 @@ TABLE = [
     (Mode.REST, None, None, None, True, None, None, None, None, Mode.IDLE),
 ]
 
-HEIGHTS = {True: (-1.0, 0.0, 0.1499), False: (0.15, 1.0)}
 DURATION = {Mode.UNLOCK: POLICY.unlock_time, Mode.LEVEL: POLICY.level_time, Mode.REST: POLICY.rest_time}
 
 
@@ -59,20 +58,11 @@ def test_every_transition_is_the_tables(mode: Mode, requested: bool, usable: boo
         present = (mode, requested, usable, ground, over, down, opening, stuck, again)
         rows = [row for row in TABLE if all(a in (None, b) for a, b in zip(row[:-1], present, strict=True))]
         assert len(rows) == 1, "the table itself must be complete and unique"
-        for height, elapsed in itertools.product(HEIGHTS[ground], ages[over]):
-            after = next_mode(
-                mode,
-                elapsed,
-                requested=requested,
-                usable=usable,
-                height=height,
-                down=down,
-                policy=POLICY,
-                opening=opening,
-                stuck=stuck,
-                again=again,
-            )
+        for elapsed in ages[over]:
+            situation = Situation(elapsed, POLICY, usable, ground, requested, opening, down, stuck, again)
+            after, event = next_mode(mode, situation)
             assert after is rows[0][-1]
+            assert (event is None) == (after is mode)
 
 
 @given(
@@ -88,17 +78,8 @@ def test_in_no_history_a_drone_is_steered_blindly_or_leaves_the_cut_unasked(
     mode, elapsed, requested, powered = Mode.IDLE, math.inf, False, 0.0
     for new_reference, usable, height, dt, down, opening, stuck in events:
         requested = requested or new_reference
-        after = next_mode(
-            mode,
-            elapsed,
-            requested=requested,
-            usable=usable,
-            height=height,
-            down=down,
-            policy=POLICY,
-            opening=opening,
-            stuck=stuck,
-        )
+        standing = height < POLICY.ground_height
+        after, _ = next_mode(mode, Situation(elapsed, POLICY, usable, standing, requested, opening, down, stuck))
         if after is Mode.FLY:
             assert usable
             assert requested

@@ -21,7 +21,7 @@ from std_srvs.srv import Empty, SetBool
 from flatsat_ros.crazyflie.link import ZERO_TIME
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
-from flatsat_ros.flight.reference import Trajectory
+from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.interfaces import Topic
 from flatsat_ros.sim.firmware import SHUTDOWN_AGE, State

@@ -17,9 +17,9 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.vehicle import load_vehicle
-from flatsat_ros.crazyflie.wire import Backend, WireSetpoint, setpoint_from_input
-from flatsat_ros.flight.reference import Trajectory
+from flatsat_ros.crazyflie.wire import Backend, WireSetpoint, setpoint_from_command
 from flatsat_ros.flight.telemetry import FIELDS
+from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.ros import messages
 
 NUMBERS = st.floats(allow_nan=False)
@@ -85,7 +85,7 @@ def test_a_command_has_the_signs_and_units_of_the_link(
 ) -> None:
     vehicle = load_vehicle("cf21")
     message = Twist()
-    messages.fill_command(message, setpoint_from_input(*u, vehicle, Backend(backend)))
+    messages.fill_command(message, setpoint_from_command(*u, 0.0, vehicle, Backend(backend)))
     assert (message.linear.x, message.linear.y) == pytest.approx(linear[:2], abs=1e-12)
     assert message.linear.z == pytest.approx(linear[2], abs=1e-3)
     assert message.angular.z == pytest.approx(angular_z)

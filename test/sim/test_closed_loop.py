@@ -15,8 +15,8 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.crazyflie.wire import WireSetpoint, YawMode
 from flatsat_ros.flight.pilot import Pilot, Tick
-from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Policy
+from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.closed_loop import fly
 from flatsat_ros.sim.fleet import SimulatedFleet
@@ -113,7 +113,7 @@ def test_an_end_that_is_past_has_no_tick() -> None:
 def test_how_a_flight_is_cut_into_stretches_changes_nothing(ends: list[float]) -> None:
     whole, cut = (Flight(SimulatedFleet(VEHICLE, 1, capture=MotionCapture(noise=5e-4))) for _ in range(2))
     for flight in (whole, cut):
-        flight.pilot.refer(0, Trajectory.hold([0.0, 0.0, 0.6]))
+        flight.pilot.set_reference(0, Trajectory.hold([0.0, 0.0, 0.6]))
     for until in (*ends, 4.0):
         cut.fly(until)
     whole.fly(4.0)

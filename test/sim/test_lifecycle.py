@@ -12,8 +12,8 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.crazyflie.wire import WireSetpoint, YawMode
 from flatsat_ros.flight.pilot import Pilot, Tick
-from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.supervisor import Mode, Policy
+from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.closed_loop import fly
 from flatsat_ros.sim.fleet import SimulatedFleet
@@ -116,7 +116,7 @@ def test_a_new_goal_ends_the_landing() -> None:
     flight.let_pass(6.0)
     flight.pilot.land(0)
     flight.let_pass(1.0)
-    flight.pilot.refer(0, Trajectory.hold([0.0, 0.0, 1.2]))
+    flight.pilot.set_reference(0, Trajectory.hold([0.0, 0.0, 1.2]))
     flight.let_pass(10.0)
     assert flight.modes[-1] is Mode.FLY
     assert flight.height == pytest.approx(1.2, abs=0.15)
@@ -147,7 +147,7 @@ def test_a_disarmed_drone_stays_on_the_ground_until_it_is_armed() -> None:
     flight = Flight()
     flight.pilot.arm(0, False)
     with pytest.raises(FlatsatError, match="disarmed: arm it first"):
-        flight.pilot.refer(0, Trajectory.hold([0.0, 0.0, 1.0]))
+        flight.pilot.set_reference(0, Trajectory.hold([0.0, 0.0, 1.0]))
     with pytest.raises(FlatsatError, match="disarmed: arm it first"):
         flight.pilot.take_off(0, 0.5)
     flight.let_pass(2.0)
@@ -173,7 +173,7 @@ def test_a_drone_handed_over_is_not_commanded_any_more() -> None:
 def test_the_drone_turns_to_the_yaw_of_its_goal_by_rate_and_by_angle(yaw_mode: YawMode) -> None:
     pilot = Pilot(CERTIFICATE, Tuning(2.0, 0.05, 1.0, CERTIFICATE.gain_max), Policy(), 1)
     fleet = SimulatedFleet(VEHICLE, 1, start=[[0.0, 0.0, 0.0]], yaw=-0.5, yaw_mode=yaw_mode)
-    pilot.refer(0, Trajectory.hold([0.0, 0.0, 0.6], 2.4))
+    pilot.set_reference(0, Trajectory.hold([0.0, 0.0, 0.6], 2.4))
     fly(pilot, fleet, VEHICLE, 12.0, lambda *_: None)
     assert fleet.bodies.angles[0, 2] == pytest.approx(2.4, abs=0.02)
     assert np.linalg.norm(fleet.bodies.position[0] - [0.0, 0.0, 0.6]) < 0.15
@@ -189,7 +189,7 @@ def test_a_drone_flown_by_its_own_commander_is_taken_over_if_it_was_armed_on_the
     flight.fleet.take_off(0, 0.6, 2.0)
     flight.let_pass(4.0)
     assert flight.height == pytest.approx(0.6, abs=0.1)
-    flight.pilot.refer(0, Trajectory.hold([0.0, 0.0, 0.6]))
+    flight.pilot.set_reference(0, Trajectory.hold([0.0, 0.0, 0.6]))
     lowest = flight.height
     for _ in range(10):
         flight.let_pass(0.5)

@@ -18,8 +18,8 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.wire import WireSetpoint
-from flatsat_ros.flight.reference import Trajectory
 from flatsat_ros.flight.telemetry import FIELDS
+from flatsat_ros.flight.trajectory import Trajectory
 
 NANOSECONDS = 1_000_000_000
 

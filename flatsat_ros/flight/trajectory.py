@@ -1,4 +1,4 @@
-"""References: where each drone should be, with velocity and acceleration, at any time.
+"""One drone's trajectory: position, velocity and acceleration at any time, and how near it comes to the limits.
 
 A trajectory is given by points with position, velocity and acceleration; between them it is the quintic polynomial
 that meets all three at both ends, so a B-spline of degree 5 sampled at its knots comes back exactly.
@@ -26,8 +26,9 @@ _REST = 1e-3
 _PIECES = 8
 
 _POWERS = np.arange(6)
-# what differentiating t^2 .. t^5 twice multiplies by
-_SECOND_DERIVATIVE = np.array([2.0, 6.0, 12.0, 20.0]).reshape(4, 1)
+# what differentiating t^1 .. t^5 once multiplies by, and t^2 .. t^5 twice
+_FIRST = np.arange(1.0, 6.0)
+_SECOND = np.array([2.0, 6.0, 12.0, 20.0])
 
 
 class Margin(NamedTuple):
@@ -111,8 +112,11 @@ class Trajectory:
         return Trajectory(self.times + offset, self.coefficients, self.yaw)
 
     def segment(self, t: float) -> tuple[FloatArray, float, float]:
-        """Return the segment active at t: coefficients (6, 3), their time origin, and the time until which it lasts."""
-        if t < self.times[0]:
+        """Return the segment active at t: coefficients (6, 3), their time origin, and the time until which it lasts.
+
+        The last one, and the only one of a set-point, lasts for ever.
+        """
+        if t < self.times[0] and self.times.size > 1:
             return _at_rest(self.coefficients[0, 0])[0], float(self.times[0]), float(self.times[0])
         if self.times.size == 1 or t >= self.times[-1]:
             return _at_rest(self.end)[0], float(self.times[-1]), math.inf
@@ -143,7 +147,7 @@ class Trajectory:
         if span.size == 0:
             return tightest
         # a(t) of every segment in powers of (t - start) / span
-        powers = (self.coefficients[:, 2:] * _SECOND_DERIVATIVE).transpose(1, 0, 2)
+        powers = (self.coefficients[:, 2:] * _SECOND[:, np.newaxis]).transpose(1, 0, 2)
         powers = powers * np.power(span, np.arange(4.0)[:, np.newaxis])[..., np.newaxis]
         for left, right in itertools.pairwise(np.linspace(0.0, 1.0, _PIECES + 1)):
             points = bernstein_coefficients(powers, float(left), float(right))
@@ -172,39 +176,22 @@ class Trajectory:
         return tightest.distance
 
 
-class References:
-    """The current references of N drones, evaluated together."""
-
-    def __init__(self, count: int) -> None:
-        self._trajectories: list[Trajectory | None] = [None] * count
-        self._coefficients = np.zeros((count, 6, 3))
-        self._origin = np.zeros(count)
-        self._until = np.full(count, np.inf)
-        self.yaw = np.zeros(count)
-
-    def assign(self, index: int, trajectory: Trajectory) -> None:
-        """Give drone index a new reference, in force from the next sample on."""
-        self._trajectories[index] = trajectory
-        self._until[index] = -np.inf
-        self.yaw[index] = trajectory.yaw
-
-    def sample(self, t: float) -> FloatArray:
-        """Return position, velocity and acceleration of all drones at t, (N, 9); zero without a reference."""
-        # earlier than the segment: before the start, or the clock was set back
-        for index in np.flatnonzero((t >= self._until) | (t < self._origin)):
-            trajectory = self._trajectories[index]
-            if trajectory is not None:
-                self._coefficients[index], self._origin[index], self._until[index] = trajectory.segment(t)
-        return evaluate(self._coefficients, t - self._origin)
-
-
 def evaluate(coefficients: FloatArray, t: FloatArray) -> FloatArray:
-    """Evaluate N quintics (N, 6, 3) at N times: position, velocity, acceleration, (N, 9)."""
-    powers = np.power(t[:, np.newaxis], _POWERS)
+    """Evaluate N quintics.
+
+    Args:
+        coefficients: (N, 6, 3) of t^0 .. t^5, m, m/s, ...
+        t: (N,) s.
+
+    Returns:
+        (N, 9) position (m), velocity (m/s), acceleration (m/s^2).
+    """
     basis = np.zeros((len(t), 3, 6))
-    basis[:, 0, :] = powers
-    basis[:, 1, 1:] = powers[:, :5] * _POWERS[1:]
-    basis[:, 2, 2:] = powers[:, :4] * (_POWERS[2:] * _POWERS[1:5])
+    powers = basis[:, 0]
+    powers[:, 0], powers[:, 1:] = 1.0, t[:, np.newaxis]
+    np.multiply.accumulate(powers, axis=1, out=powers)
+    np.multiply(powers[:, :5], _FIRST, out=basis[:, 1, 1:])
+    np.multiply(powers[:, :4], _SECOND, out=basis[:, 2, 2:])
     return np.asarray((basis @ coefficients).reshape(len(t), 9))
 
 
