@@ -209,8 +209,7 @@ class _Watch:
         """
         answer = self.conductor.ask(name, *who)
         self.until_none(lambda: [] if answer.done() else [name], _ANSWER, "no answer of the controller")
-        result = answer.result()
-        return "" if result.success else str(result.message)
+        return self.conductor.refusal(answer)
 
     def demand(self, name: str) -> None:
         """Ask for all robots.

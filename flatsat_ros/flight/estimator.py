@@ -35,8 +35,8 @@ _GATE_DEVIATIONS = 6.0
 _GATE_DISTANCE = 0.05
 # so many jumps in a row mean that the drone really is elsewhere
 _JUMPS_TO_RESTART = 5
-# silence (s) after which the old velocity says nothing any more
-_SILENCE_TO_RESTART = 0.5
+# silence (s) after which the old velocity says nothing any more: no estimate predicts further
+PREDICTION_MAX = 0.5
 # a quaternion's norm may differ from 1 by this much
 _QUATERNION_TOLERANCE = 0.1
 # a stamp may be ahead of the arrival by this much, s: clocks of two machines differ a little
@@ -102,7 +102,7 @@ class Estimator:
     def command(self, t: float, acceleration: FloatArray) -> None:
         """Note the acceleration (N, 3), m/s^2, that is commanded from time t (s, never decreasing) on."""
         self._commands.append((t, acceleration, acceleration.tolist()))
-        while len(self._commands) > 1 and self._commands[1][0] < t - _SILENCE_TO_RESTART:
+        while len(self._commands) > 1 and self._commands[1][0] < t - PREDICTION_MAX:
             self._commands.popleft()
 
     def estimate(self, now: float) -> FloatArray:
@@ -114,7 +114,7 @@ class Estimator:
         count = len(self._filters)
         means = chain.from_iterable(f.mean for f in self._filters)
         state = np.fromiter(means, np.float64, 9 * count).reshape(count, 9)
-        elapsed = np.minimum(np.maximum(now - self.newest, 0.0), _SILENCE_TO_RESTART)
+        elapsed = np.minimum(np.maximum(now - self.newest, 0.0), PREDICTION_MAX)
         oldest, elapsed = now - float(elapsed.max()), elapsed[:, np.newaxis]
         position, velocity, disturbance = state[:, 0:3], state[:, 3:6], state[:, 6:9]
         position += elapsed * (velocity + elapsed / 2.0 * disturbance)
@@ -132,15 +132,15 @@ class Estimator:
     def usable(self, now: float, timeout: float) -> np.ndarray:
         """Tell whose estimate can be flown on, (N,): fresh within timeout (s) and with a settled velocity.
 
-        A timeout beyond 0.5 s counts as 0.5 s: the estimate predicts no further.
+        A timeout is at most PREDICTION_MAX.
         """
         settled = np.array([f.c11 <= _SETTLED_VELOCITY**2 for f in self._filters])
-        return np.asarray((now - self.newest <= min(timeout, _SILENCE_TO_RESTART)) & settled)
+        return np.asarray((now - self.newest <= timeout) & settled)
 
     def _filter(self, index: int, newest: float, stamp: float, position: Sequence[float]) -> bool:
         """Predict drone index to stamp and correct by position; return whether it was taken."""
         state = self._filters[index]
-        if stamp - newest > _SILENCE_TO_RESTART:
+        if stamp - newest > PREDICTION_MAX:
             state.restart(position)
             return True
         push = [0.0, 0.0, 0.0]

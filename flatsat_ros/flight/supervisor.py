@@ -23,6 +23,7 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError, require, require_positive
+from flatsat_ros.flight.estimator import PREDICTION_MAX
 
 
 class Mode(IntEnum):
@@ -41,7 +42,7 @@ class Policy:
     """The figures of the state machine.
 
     Attributes:
-        pose_timeout: age, s, above which a pose is stale and the drone is levelled.
+        pose_timeout: age, s, above which a pose is stale and the drone is levelled; at most estimator.PREDICTION_MAX.
         level_time: s of level descent without poses before the motors are cut.
         unlock_time: s of zero thrust that open the firmware's thrust lock before take-off.
         lift_off_time: s of a commanded climb that leave the drone on the ground after which the motors are cut.
@@ -68,6 +69,8 @@ class Policy:
     def __post_init__(self) -> None:
         for name in ("pose_timeout", "level_time", "unlock_time", "lift_off_time", "rest_time"):
             require_positive(name, getattr(self, name), "s")
+        age = f"at most {PREDICTION_MAX} s: the estimate predicts no further"
+        require(self.pose_timeout <= PREDICTION_MAX, "pose_timeout", f"{self.pose_timeout} s", age)
         require_positive("level_thrust", self.level_thrust, "g")
         require(self.level_thrust <= 1.0, "level_thrust", f"{self.level_thrust} g", "at most 1 g, or it would climb")
         most = self.disturbance_max

@@ -5,10 +5,10 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 from tqdm import tqdm
 
+from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError, quoted
 from flatsat_ros.base.files import check_folder, user_path
@@ -16,13 +16,14 @@ from flatsat_ros.base.resources import config_path
 from flatsat_ros.base.strict_yaml import read_yaml, write_yaml
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.identification.hover import thrust_scale
-from flatsat_ros.nodes.ros import interfaces, runtime
-from flatsat_ros.nodes.ros.parameters import declare, robot_names
+from flatsat_ros.nodes.ros import interfaces, messages
+from flatsat_ros.nodes.ros.parameters import declare, declare_robot_name
+from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 
 _SILENCE = 5.0  # s without telemetry after which it gives up
 
 
-class CalibrateHover(Node):  # type: ignore[misc]
+class CalibrateHover(ProgramNode):
     """Watches the telemetry of one hovering drone for a while.
 
     Attributes:
@@ -33,7 +34,7 @@ class CalibrateHover(Node):  # type: ignore[misc]
     def __init__(self) -> None:
         """Read the parameters, begin to listen."""
         super().__init__("calibrate_hover")
-        (self._robot,) = robot_names([declare(self, "robot_name", "cf1", "the drone that hovers")])
+        self._robot = declare_robot_name(self, "the drone that hovers")
         vehicle = declare(self, "vehicle", "cf21", "profile that it flies with: packaged name or path of a YAML file")
         self._source = config_path(vehicle, "vehicles")
         output = declare(self, "output", "", "profile to write: path of a YAML file that does not exist yet")
@@ -45,8 +46,8 @@ class CalibrateHover(Node):  # type: ignore[misc]
         check_folder(self._output.parent)
         self._check_new()
         VehicleProfile.load(self._source)
-        self.done, self.exit_code = False, 1
-        self._rows: list[list[float]] = []
+        self.exit_code = 1
+        self._rows: list[FloatArray] = []
         self._begin = self._heard = self.get_clock().now().nanoseconds
         self._bar = tqdm(
             total=self._seconds, unit="s", desc="hover", bar_format="{desc} {bar} {n:.1f}/{total:.1f} {unit}"
@@ -64,7 +65,7 @@ class CalibrateHover(Node):  # type: ignore[misc]
         if not self._rows:
             self._begin = now
         self._heard = now
-        self._rows.append(list(message.data))
+        self._rows.append(messages.telemetry_from_message(message))
         elapsed = (now - self._begin) * 1e-9
         self._bar.update(min(elapsed, self._seconds) - self._bar.n)
         if elapsed >= self._seconds and not self.done:
@@ -106,7 +107,7 @@ class CalibrateHover(Node):  # type: ignore[misc]
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the calibration; the console script `calibrate_hover`."""
-    return runtime.run(CalibrateHover, argv)
+    return run(CalibrateHover, argv)
 
 
 if __name__ == "__main__":

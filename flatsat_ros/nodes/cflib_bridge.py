@@ -13,12 +13,11 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Sequence
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, Twist
-from rclpy.node import Node
+from geometry_msgs.msg import Twist
 from std_srvs.srv import Empty
 
 from flatsat_ros.base.constants import GRAVITY
@@ -27,14 +26,14 @@ from flatsat_ros.crazyflie.crazyflies_yaml import Robot
 from flatsat_ros.crazyflie.link import Address, Farewell, Lane, sendable
 from flatsat_ros.flight.supervisor import Policy
 from flatsat_ros.nodes import crazyswarm
-from flatsat_ros.nodes.ros import interfaces, messages, runtime
+from flatsat_ros.nodes.ros import interfaces, messages
+from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, Report
 from flatsat_ros.nodes.ros.parameters import declare, declare_choice, declare_robots, declare_vehicles, declare_yaw_mode
+from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 
 if TYPE_CHECKING:
     from flatsat_ros.nodes.cflib_link import Link
 
-_DIAGNOSTICS_PERIOD = 1.0  # s
-_PATIENCE = 0.05  # s
 # supervisor.c: bits of supervisor.info that end a flight
 _TUMBLED, _LOCKED, _CRASHED = 1 << 5, 1 << 6, 1 << 7
 
@@ -54,7 +53,7 @@ class OnShutdown(str, Enum):
     LAND = "land"
 
 
-class CflibBridge(Node):  # type: ignore[misc]
+class CflibBridge(ProgramNode):
     """ROS shell of the links."""
 
     def __init__(self) -> None:
@@ -93,11 +92,8 @@ class CflibBridge(Node):  # type: ignore[misc]
         if external is not ExternalPose.NONE:
             self._locate(suffix, with_attitude=external is ExternalPose.POSE)
         everybody = interfaces.drone_service_of(interfaces.ALL, interfaces.EMERGENCY)
-        self.create_service(Empty, everybody, lambda _, answer: self._on_emergency(self.links, answer))
-        self._diagnostics = self.create_publisher(
-            interfaces.DIAGNOSTICS_KIND, interfaces.DIAGNOSTICS, interfaces.DIAGNOSTICS_QOS
-        )
-        self.create_timer(_DIAGNOSTICS_PERIOD, self._on_diagnostics)
+        self.create_service(Empty, everybody, partial(self._on_emergency, self.links))
+        Diagnostics(self, self._report)
         for link in self.links:
             link.start()
         pairs = zip(self.robots, addresses, strict=True)
@@ -107,8 +103,7 @@ class CflibBridge(Node):  # type: ignore[misc]
         """Say farewell to every drone that was flown; the emergency stop works until the last one is through."""
         for link in self.links:
             link.leave()
-        while any(link.alive for link in self.links):
-            self.executor.spin_once(timeout_sec=_PATIENCE)
+        self.spin_while(lambda: any(link.alive for link in self.links))
 
     def _addresses(self, robots: Sequence[Robot]) -> list[Address]:
         # where simulators of the firmware listen, unless the user's file says better
@@ -171,9 +166,10 @@ class CflibBridge(Node):  # type: ignore[misc]
 
         The topic exists only where poses are asked for: it may be motion capture's.
         """
-        pose, message = interfaces.POSE, PoseStamped()
-        message.header.frame_id = "world"
-        publisher = self.create_publisher(pose.kind, pose.of(robot), pose.publish) if self._publishes_pose else None
+        if not self._publishes_pose:
+            return lambda _position, _quaternion: None
+        pose, message = interfaces.POSE, messages.pose_message()
+        publisher = self.create_publisher(pose.kind, pose.of(robot), pose.publish)
 
         def publish(position: tuple[float, ...], quaternion: tuple[float, ...]) -> None:
             messages.fill_pose(message, self.get_clock().now().nanoseconds, position, quaternion)
@@ -192,12 +188,10 @@ class CflibBridge(Node):  # type: ignore[misc]
     def _connect(self, link: Link) -> None:
         """Connect the topics and services of one drone."""
         command, robot = interfaces.COMMAND, link.robot
-        self.create_subscription(
-            command.kind, command.of(robot), lambda m: self._on_command(link, m), command.subscribe
-        )
+        self.create_subscription(command.kind, command.of(robot), partial(self._on_command, link), command.subscribe)
         emergency, arm = (interfaces.drone_service_of(robot, name) for name in (interfaces.EMERGENCY, interfaces.ARM))
-        self.create_service(Empty, emergency, lambda _, answer: self._on_emergency([link], answer))
-        crazyswarm.serve_arming(self, arm, lambda wanted: self._on_arm(link, wanted))
+        self.create_service(Empty, emergency, partial(self._on_emergency, [link]))
+        crazyswarm.serve_arming(self, arm, partial(self._on_arm, link))
 
     def _locate(self, suffix: str, with_attitude: bool) -> None:
         """Send external poses on to the drones.
@@ -215,7 +209,7 @@ class CflibBridge(Node):  # type: ignore[misc]
             self.create_subscription(
                 interfaces.POSE.kind,
                 topic,
-                lambda data, link=link: self._on_external_pose(link, data, with_attitude),
+                partial(self._on_external_pose, link, with_attitude),
                 interfaces.POSE.subscribe,
                 raw=True,
             )
@@ -226,7 +220,7 @@ class CflibBridge(Node):  # type: ignore[misc]
         except FlatsatError as error:
             self._refuse(link, error)
 
-    def _on_external_pose(self, link: Link, data: bytes, with_attitude: bool) -> None:
+    def _on_external_pose(self, link: Link, with_attitude: bool, data: bytes) -> None:
         _, position, quaternion = messages.pose_from_cdr(data)
         values = position + quaternion if with_attitude else position
         if all(map(math.isfinite, values)):
@@ -238,7 +232,7 @@ class CflibBridge(Node):  # type: ignore[misc]
         self._refused[link.robot] += 1
         self.get_logger().error(f"{link.robot}: not sent: {reason}", throttle_duration_sec=1.0)
 
-    def _on_emergency(self, links: Sequence[Link], answer: Empty.Response) -> Empty.Response:
+    def _on_emergency(self, links: Sequence[Link], _: Empty.Request, answer: Empty.Response) -> Empty.Response:
         for link in links:
             link.stop_motors()
         self.get_logger().error(f"emergency stop of {', '.join(link.robot for link in links)}")
@@ -248,12 +242,12 @@ class CflibBridge(Node):  # type: ignore[misc]
         sent = link.arm(wanted)
         return sent, "sent" if sent else f"{link.robot}: not connected: {link.condition}"
 
-    def _on_diagnostics(self) -> None:
-        message = interfaces.DIAGNOSTICS_KIND()
-        message.header.stamp = self.get_clock().now().to_msg()
+    def _report(self, _now: int) -> list[Report]:
+        """Return how every drone is."""
+        reports = []
         for link in self.links:
             level, text = self._condition(link)
-            values = {
+            values: dict[str, object] = {
                 "uri": link.address.uri,
                 "silent s": f"{link.silence:.2f}",
                 "refused": self._refused[link.robot],
@@ -262,24 +256,22 @@ class CflibBridge(Node):  # type: ignore[misc]
                 **{name: f"{value:.4g}" for name, value in dict(link.values).items()},
                 "console": "\n".join(list(link.console)),
             }
-            message.status.append(
-                messages.diagnostic_status(f"{self.get_name()}: {link.robot}", link.address.uri, level, text, values)
-            )
-        self._diagnostics.publish(message)
+            reports.append(Report(link.robot, link.address.uri, level, text, values))
+        return reports
 
-    def _condition(self, link: Link) -> tuple[bytes, str]:
-        """Return the level and a few words about one drone."""
+    def _condition(self, link: Link) -> tuple[Level, str]:
+        """Return how well a drone is, and its condition in a few words."""
         flags = int(link.values.get("supervisor.info", 0))
         if link.stopped:
-            return DiagnosticStatus.ERROR, "emergency stop"
+            return Level.ERROR, "emergency stop"
         if not link.connected:
-            return DiagnosticStatus.ERROR, link.condition
+            return Level.ERROR, link.condition
         for flag, text in ((_LOCKED, "locked until reboot"), (_CRASHED, "crashed"), (_TUMBLED, "tumbled")):
             if flags & flag:
-                return DiagnosticStatus.ERROR, text
+                return Level.ERROR, text
         if link.values.get("pm.vbat", math.inf) < self._vehicles[link.robot].battery.low_voltage:
-            return DiagnosticStatus.WARN, "battery low"
-        return DiagnosticStatus.OK, link.condition
+            return Level.WARN, "battery low"
+        return Level.OK, link.condition
 
 
 def _import_links() -> Any:
@@ -316,7 +308,7 @@ def _claim(address: Address) -> socket.socket:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the bridge; the console script `cflib_bridge`."""
-    return runtime.run(CflibBridge, argv)
+    return run(CflibBridge, argv)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ import threading
 import time
 import warnings
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
@@ -305,15 +305,15 @@ class Link:
 
     def _listen(self, cf: _Crazyflie) -> None:
         """Have the drone report its battery and supervisor, and its estimate if that was asked for."""
-        known: list[str] = [name for name in (VOLTAGE, SUPERVISOR) if cf.log.toc.get_element_by_complete_name(name)]
+        known = [name for name in (VOLTAGE, SUPERVISOR) if cf.log.toc.get_element_by_complete_name(name)]
         if known:
             self._log(cf, _STATUS_PERIOD, dict.fromkeys(known), self._on_status)
         if self._settings.pose_period:
-            variables: dict[str, str | None] = dict.fromkeys(POSITION, "float") | dict.fromkeys(QUATERNION, "FP16")
+            variables = {**dict.fromkeys(POSITION, "float"), **dict.fromkeys(QUATERNION, "FP16")}
             self._log(cf, self._settings.pose_period, variables, self._on_estimate)
 
     def _log(
-        self, cf: _Crazyflie, period: int, variables: dict[str, str | None], take: Callable[[dict[str, float]], None]
+        self, cf: _Crazyflie, period: int, variables: Mapping[str, str | None], take: Callable[[dict[str, float]], None]
     ) -> None:
         block = LogConfig(",".join(variables), period)
         for name, kind in variables.items():

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import rclpy
-from geometry_msgs.msg import PoseStamped
+from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
@@ -29,21 +29,21 @@ from flatsat_ros.nodes.ros.interfaces import Topic
 _RECORDED = (interfaces.POSE, interfaces.COMMAND, interfaces.TELEMETRY, interfaces.GOAL, interfaces.TRAJECTORY)
 # what the controller is asked for, by name
 _REQUESTS = {
-    interfaces.ARM: (SetBool, SetBool.Request(data=True)),
+    interfaces.ARM: (SetBool, messages.arming_request(SetBool, True)),
     "takeoff": (Trigger, Trigger.Request()),
     "land": (Trigger, Trigger.Request()),
 }
 _MODE = FIELDS.index("mode")
 
 
-class Conductor(Node):  # type: ignore[misc]
+class Conductor(Node):
     """Asks for take-off and landing, publishes references, records all topics of the robots.
 
     Attributes:
         recorded: all messages so far, in order of arrival.
     """
 
-    def __init__(self, robots: Sequence[str], namespace: str, executor: EventsExecutor) -> None:
+    def __init__(self, robots: Sequence[str], namespace: str, executor: Executor) -> None:
         """Connect to the topics of the robots below the namespace; messages come in through the executor."""
         super().__init__("flatsat_demo", namespace=namespace)
         self._robots = list(robots)
@@ -113,18 +113,20 @@ class Conductor(Node):  # type: ignore[misc]
 
     def robots_in(self, *modes: Mode) -> list[str]:
         """Return the robots whose newest telemetry reports one of these flight modes."""
-        topic = interfaces.TELEMETRY
-        rows = {r: deserialize_message(self._newest[topic.of(r)], topic.kind).data for r in self._robots}
+        rows = {robot: _row(self._newest[interfaces.TELEMETRY.of(robot)]) for robot in self._robots}
         return [robot for robot, row in rows.items() if row[_MODE] in modes]
 
     def ask(self, name: str, who: str = interfaces.ALL) -> Future:
         """Ask the controller to arm, takeoff or land; the answer comes in while spinning."""
         return self._lifecycle[who, name].call_async(_REQUESTS[name][1])
 
+    def refusal(self, answer: Future) -> str:
+        """Return why the controller refused what it was asked for, nothing if it did not; the answer must be there."""
+        return messages.refusal_from_answer(answer.result())
+
     def send_goal(self, index: int, position: Sequence[float]) -> None:
         """Send a set-point, m, world frame, to one robot."""
-        message = PoseStamped()
-        message.header.frame_id = "world"
+        message = messages.pose_message()
         messages.fill_pose(message, self.now(), position, (0.0, 0.0, 0.0, 1.0))
         self._goals[index].publish(message)
 
@@ -150,21 +152,19 @@ class Conductor(Node):  # type: ignore[misc]
 
     def poses(self, robot: str) -> FloatArray:
         """Return the recorded poses of a robot, (n, 4): stamp s, x, y, z m."""
-        read = [(messages.pose_from_cdr(entry.data)) for entry in self._of(interfaces.POSE, robot)]
+        read = [(messages.pose_from_cdr(entry.cdr)) for entry in self._of(interfaces.POSE, robot)]
         return np.array([[self.seconds(stamp), *position] for stamp, position, _ in read])
 
     def ticks(self, robot: str) -> FloatArray:
         """Return the recorded telemetry of a robot, (n, 1 + fields): arrival s, row."""
-        topic = interfaces.TELEMETRY
-        return np.array(
-            [[self.seconds(e.time), *deserialize_message(e.data, topic.kind).data] for e in self._of(topic, robot)]
-        )
+        read = [(e.time, _row(e.cdr)) for e in self._of(interfaces.TELEMETRY, robot)]
+        return np.array([[self.seconds(when), *row] for when, row in read])
 
     def commands(self, robot: str, vehicle: VehicleProfile) -> FloatArray:
         """Return the recorded commands of a robot, (n, 5): arrival s, T m/s^2, phi, theta rad, yaw rate rad/s."""
         topic = interfaces.COMMAND
         read = [
-            (e.time, messages.command_from_message(deserialize_message(e.data, topic.kind)))
+            (e.time, messages.command_from_message(deserialize_message(e.cdr, topic.kind)))
             for e in self._of(topic, robot)
         ]
         return np.array([[self.seconds(when), *input_from_setpoint(setpoint, vehicle)] for when, setpoint in read])
@@ -172,6 +172,11 @@ class Conductor(Node):  # type: ignore[misc]
     def _of(self, topic: Topic, robot: str) -> list[Recorded]:
         name = f"{self.get_namespace()}/{topic.of(robot)}"
         return [entry for entry in self.recorded if entry.topic == name]
+
+
+def _row(data: bytes) -> FloatArray:
+    """Return a row of telemetry from its serialised message."""
+    return messages.telemetry_from_message(deserialize_message(data, interfaces.TELEMETRY.kind))
 
 
 @contextmanager

@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, Twist
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.duration import Duration
-from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
@@ -24,13 +24,15 @@ from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.certificate.sets import Place
 from flatsat_ros.crazyflie.wire import Backend, setpoint_from_command
 from flatsat_ros.flight import telemetry
+from flatsat_ros.flight.estimator import PREDICTION_MAX
 from flatsat_ros.flight.pilot import Command, Pilot, Tick
 from flatsat_ros.flight.supervisor import Mode, Policy, Transition
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.controller import Controller
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.nodes.crazyswarm import SETTLED, DroneLink
-from flatsat_ros.nodes.ros import interfaces, messages, runtime
+from flatsat_ros.nodes.ros import interfaces, messages
+from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, Report
 from flatsat_ros.nodes.ros.parameters import (
     declare,
     declare_choice,
@@ -40,14 +42,15 @@ from flatsat_ros.nodes.ros.parameters import (
     declare_yaw_mode,
     require_float_or_unset,
 )
+from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 
-_DIAGNOSTICS_PERIOD = 1.0  # s
+# how often services of the drones' links are looked for, s
+_LOOK_PERIOD = 1.0
 
 Answer = TypeVar("Answer", SetBool.Response, Trigger.Response)
 
 # how long the last commands may take to be acknowledged, and a hand-over to be through, s
 _FAREWELL = 0.5
-_PATIENCE = 0.05  # s
 
 # parameter, what it means, unit, default and range of the tuning; Tuning's fields in order
 _TUNING = (
@@ -60,7 +63,7 @@ _TUNING = (
 
 # the figures of the flight modes that a lab may want otherwise
 _POLICY = (
-    ("pose_timeout", "age above which a pose is stale", "s", Policy.pose_timeout, (0.01, 10.0)),
+    ("pose_timeout", "age above which a pose is stale", "s", Policy.pose_timeout, (0.01, PREDICTION_MAX)),
     ("level_time", "level descent without poses before the motors are cut", "s", Policy.level_time, (0.1, 60.0)),
     ("unlock_time", "zero thrust before take-off, which opens the lock", "s", Policy.unlock_time, (0.01, 10.0)),
     ("lift_off_time", "commanded climb on the ground that ends in a cut", "s", Policy.lift_off_time, (0.5, 600.0)),
@@ -70,7 +73,7 @@ _POLICY = (
 )
 
 
-class ControllerNode(Node):  # type: ignore[misc]
+class ControllerNode(ProgramNode):
     """ROS shell of `Pilot`."""
 
     def __init__(self) -> None:
@@ -116,17 +119,16 @@ class ControllerNode(Node):  # type: ignore[misc]
         self._last: Tick | None = None
         self._command = Twist()
         self._telemetry = messages.telemetry_message()
-        self._command_publishers, self._telemetry_publishers = [], []
+        self._command_publishers: list[Publisher] = []
+        self._telemetry_publishers: list[Publisher] = []
         for index, robot in enumerate(self.robots):
             self._connect(index, robot)
-        self._diagnostics = self.create_publisher(
-            interfaces.DIAGNOSTICS_KIND, interfaces.DIAGNOSTICS, interfaces.DIAGNOSTICS_QOS
-        )
         for robot in (*self.robots, interfaces.ALL):
             self._serve(robot)
         self._links = [DroneLink(self, robot) for robot in self.robots]
         self.create_timer(self._certificate.period, self._on_tick)
-        self.create_timer(_DIAGNOSTICS_PERIOD, self._on_diagnostics)
+        self.create_timer(_LOOK_PERIOD, self._look_for_services)
+        Diagnostics(self, self._report)
         self.get_logger().info(
             f"flying {', '.join(self.robots)} with certificate {self._certificate.name!r} at "
             f"{1.0 / self._certificate.period:g} Hz, gain cap {self._certificate.gain_max:.4g}"
@@ -135,8 +137,7 @@ class ControllerNode(Node):  # type: ignore[misc]
     def finish(self) -> None:
         """Send the last safe commands: level and sinking in the air, zero thrust otherwise; nothing to idle drones."""
         end = self.get_clock().now() + Duration(seconds=_FAREWELL)
-        while any(link.is_releasing for link in self._links) and self.get_clock().now() < end:
-            self.executor.spin_once(timeout_sec=_PATIENCE)
+        self.spin_while(lambda: any(link.is_releasing for link in self._links) and self.get_clock().now() < end)
         last = {index: self._pilot.last_command(index) for index in range(len(self.robots))}
         commanded = {index: command for index, command in last.items() if command is not None}
         for index, command in commanded.items():
@@ -147,9 +148,7 @@ class ControllerNode(Node):  # type: ignore[misc]
     def _connect(self, index: int, robot: str) -> None:
         pose, goal, trajectory = interfaces.POSE, interfaces.GOAL, interfaces.TRAJECTORY
         command, report = interfaces.COMMAND, interfaces.TELEMETRY
-        self.create_subscription(
-            pose.kind, pose.of(robot), lambda data: self._poses.append((index, data)), pose.subscribe, raw=True
-        )
+        self.create_subscription(pose.kind, pose.of(robot), partial(self._on_pose, index), pose.subscribe, raw=True)
         self.create_subscription(goal.kind, goal.of(robot), lambda m: self._on_goal(index, m), goal.subscribe)
         self.create_subscription(
             trajectory.kind, trajectory.of(robot), lambda m: self._on_trajectory(index, m), trajectory.subscribe
@@ -166,18 +165,17 @@ class ControllerNode(Node):  # type: ignore[misc]
             "hand_over": self._hand_over,
         }
         for name in interfaces.TRIGGERS:
-            self.create_service(
-                Trigger,
-                interfaces.service_of(robot, name),
-                lambda _, answer, name=name: self._answer(answer, name, indices, actions[name]),
-            )
-        self.create_service(
-            SetBool,
-            interfaces.service_of(robot, interfaces.ARM),
-            lambda request, answer: self._answer(
-                answer, "arm" if request.data else "disarm", indices, lambda index: self._arm(index, request.data)
-            ),
-        )
+
+            def trigger(_: Trigger.Request, answer: Trigger.Response, name: str = name) -> Trigger.Response:
+                return self._answer(answer, name, indices, actions[name])
+
+            self.create_service(Trigger, interfaces.service_of(robot, name), trigger)
+
+        def arm(request: SetBool.Request, answer: SetBool.Response) -> SetBool.Response:
+            wanted = messages.arming_from_request(request)
+            return self._answer(answer, "arm" if wanted else "disarm", indices, lambda index: self._arm(index, wanted))
+
+        self.create_service(SetBool, interfaces.service_of(robot, interfaces.ARM), arm)
 
     def _arm(self, index: int, wanted: bool) -> str:
         """Allow or forbid take-off, and arm or disarm the drone itself; return what happens now."""
@@ -200,7 +198,7 @@ class ControllerNode(Node):  # type: ignore[misc]
                 done.append(act(index))
             except FlatsatError as error:
                 refused.append(f"{self.robots[index]}: {name} refused: {error}")
-        answer.success, answer.message = not refused, "; ".join(refused + [sentence for sentence in done if sentence])
+        messages.fill_answer(answer, not refused, "; ".join(refused + [sentence for sentence in done if sentence]))
         for sentence in refused:
             self.get_logger().error(sentence)
         return answer
@@ -215,6 +213,9 @@ class ControllerNode(Node):  # type: ignore[misc]
         for index, data in poses:
             stamp, position, quaternion = messages.pose_from_cdr(data)
             self._pilot.measure(index, self._seconds(stamp), position, quaternion, now)
+
+    def _on_pose(self, index: int, data: bytes) -> None:
+        self._poses.append((index, data))
 
     def _on_goal(self, index: int, message: PoseStamped) -> None:
         self._refer(index, lambda: messages.setpoint_from_goal(message))
@@ -282,7 +283,7 @@ class ControllerNode(Node):  # type: ignore[misc]
             columns.append(np.array([common if entry is None else entry for entry in own], dtype=float))
         mu, v_inf, initial, cap, nu = columns
         cap = np.where(cap == 0.0, self._certificate.gain_max, cap)
-        restart = changed.get("restart_gain", self.get_parameter("restart_gain").value)
+        restart = bool(changed.get("restart_gain", self.get_parameter("restart_gain").value))
         tuning = Tuning(mu, v_inf, initial, cap, nu, restart)
         Controller(self._certificate, tuning)
         return tuning
@@ -294,31 +295,30 @@ class ControllerNode(Node):  # type: ignore[misc]
                     raise FlatsatError(f"parameter {parameter.name} cannot be deleted: set it to the common value")
             self._tuning_with({parameter.name: parameter.value for parameter in parameters})
         except FlatsatError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
+            return messages.parameters_answer(str(error))
+        return messages.parameters_answer()
 
     def _take_parameters(self, _parameters: Sequence[Parameter]) -> None:
         self._pilot.retune(self._tuning_with({}))
 
-    def _on_diagnostics(self) -> None:
-        durations, self._durations = np.array(self._durations or [0.0]), []
+    def _look_for_services(self) -> None:
         offered = dict(self.get_service_names_and_types())
         for link in self._links:
             link.look(offered)
+
+    def _report(self, nanoseconds: int) -> list[Report]:
+        """Return how every drone is; nothing before the first tick."""
+        durations, self._durations = np.array(self._durations or [0.0]), []
         if self._last is None:
-            return
-        now = self._seconds(self.get_clock().now().nanoseconds)
+            return []
+        now, reports = self._seconds(nanoseconds), []
         self._take_poses(now)
         median, longest = np.median(durations), durations.max()
         estimator, out, where = self._pilot.estimator, self._last.output, self._last.assessment
-        message = interfaces.DIAGNOSTICS_KIND()
-        message.header.stamp = self.get_clock().now().to_msg()
         for index, robot in enumerate(self.robots):
             mode, place = Mode(self._pilot.mode[index]), Place(where.place[index])
             outside = mode is Mode.FLY and place is Place.OUTSIDE
-            level = {Mode.LEVEL: DiagnosticStatus.ERROR, Mode.CUT: DiagnosticStatus.ERROR}.get(
-                mode, DiagnosticStatus.WARN if outside else DiagnosticStatus.OK
-            )
+            level = Level.ERROR if mode in (Mode.LEVEL, Mode.CUT) else Level.WARN if outside else Level.OK
             values = {
                 "V/eps": f"{where.relative_level[index]:.4g}",
                 "set": place.name,
@@ -331,13 +331,13 @@ class ControllerNode(Node):  # type: ignore[misc]
                 "tick max us": f"{longest:.0f}",
             }
             text = mode.name + (": outside the certified sets" if outside else "")
-            message.status.append(messages.diagnostic_status(f"{self.get_name()}: {robot}", robot, level, text, values))
-        self._diagnostics.publish(message)
+            reports.append(Report(robot, robot, level, text, values))
+        return reports
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the controller; the console script `controller`."""
-    return runtime.run(ControllerNode, argv)
+    return run(ControllerNode, argv)
 
 
 if __name__ == "__main__":

@@ -14,13 +14,13 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool
 
-from flatsat_ros.nodes.ros import interfaces
+from flatsat_ros.nodes.ros import interfaces, messages
 
 _PACKAGE = "crazyflie_interfaces"
 # The last set-point may still be under way when the drone is told that none follows; were it the last to arrive, the
 # drone would wait for the next one. The firmware keeps a set-point for 0.5 s.
 SETTLED = 0.15  # s
-_HOLD_TIME = 1.0  # s, in which the high-level commander comes to rest
+_HOLD_TIME = 1  # s, in which the high-level commander comes to rest
 
 
 def services() -> Any | None:
@@ -67,15 +67,12 @@ class DroneLink:
             strange = ", ".join(self._strange.get(interfaces.ARM, []))
             why = f" of a type that is installed here, only {strange}" if strange else ""
             return f"{self._robot}: the drone itself was not asked: no service {self._robot}/{interfaces.ARM}{why}"
-        kind = client.srv_type
-        request = kind.Request(data=wanted) if kind is SetBool else kind.Request(arm=wanted)
-        client.call_async(request).add_done_callback(self._report)
+        client.call_async(messages.arming_request(_kind_of(client), wanted)).add_done_callback(self._report)
         return f"{client.service_name} asked to {'arm' if wanted else 'disarm'}"
 
     def _report(self, future: Future) -> None:
-        answer = future.result()
-        if not getattr(answer, "success", True):  # crazyswarm2 answers nothing
-            self._node.get_logger().error(f"{self._robot}: {answer.message}")
+        if refusal := messages.refusal_from_answer(future.result()):
+            self._node.get_logger().error(f"{self._robot}: {refusal}")
 
     def release(self, *, in_flight: bool) -> None:
         """Tell the drone, whose set-points have just ended, that none follows, and in flight to stay where it is.
@@ -97,14 +94,12 @@ class DroneLink:
             if not self._released:
                 self._pending -= 1
                 return
-            notify.call_async(notify.srv_type.Request()).add_done_callback(stay)
+            notify.call_async(_kind_of(notify).Request()).add_done_callback(stay)
             self._node.get_logger().info(f"{notify.service_name}: no more set-points")
 
         def stay(_: Future) -> None:
-            if in_flight and self._released:
-                request = go_to.srv_type.Request(relative=True)
-                request.duration.sec = round(_HOLD_TIME)
-                go_to.call_async(request)
+            if in_flight and go_to is not None and self._released:
+                go_to.call_async(messages.hold_request(_kind_of(go_to), _HOLD_TIME))
                 self._node.get_logger().info(f"{go_to.service_name}: hold the place")
             self._pending -= 1
 
@@ -125,22 +120,21 @@ class DroneLink:
         return client if client is not None and client.service_is_ready() else None
 
 
+def _kind_of(client: Client) -> Any:
+    """Return the service type of a client, which rclpy annotates as what it cannot be."""
+    return client.srv_type
+
+
 def serve_arming(node: Node, name: str, act: Callable[[bool], tuple[bool, str]]) -> None:
     """Offer arming as crazyswarm2 does, or, without its interfaces, with an answer."""
     kinds = services()
-    if kinds is None:
 
-        def answer(request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-            response.success, response.message = act(request.data)
-            return response
+    def take(request: Any, answer: Any) -> Any:
+        done, text = act(messages.arming_from_request(request))
+        if kinds is None:
+            messages.fill_answer(answer, done, text)
+        elif not done:
+            node.get_logger().error(text)
+        return answer
 
-        node.create_service(SetBool, name, answer)
-        return
-
-    def take(request: Any, response: Any) -> Any:
-        done, reason = act(request.arm)
-        if not done:
-            node.get_logger().error(reason)
-        return response
-
-    node.create_service(kinds.Arm, name, take)
+    node.create_service(SetBool if kinds is None else kinds.Arm, name, take)

@@ -7,15 +7,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped
 from rclpy.duration import Duration
-from rclpy.node import Node
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.identification.recording import Recording, read_csv
-from flatsat_ros.nodes.ros import interfaces, messages, runtime
+from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.bag import read_bag
-from flatsat_ros.nodes.ros.parameters import declare, robot_names
+from flatsat_ros.nodes.ros.parameters import declare, declare_robot_name
+from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 
 # how often it looks whether someone listens, s
 _PATIENCE = 0.05
@@ -25,7 +24,7 @@ _SETTLING = 0.5
 _FAREWELL = 0.5
 
 
-class MocapPlayer(Node):  # type: ignore[misc]
+class MocapPlayer(ProgramNode):
     """One recording for one robot.
 
     It begins half a second after the first subscription to the pose topic is there. A pose recorded at t is stamped
@@ -41,7 +40,7 @@ class MocapPlayer(Node):  # type: ignore[misc]
         """Read the parameters and the whole recording."""
         super().__init__("mocap_player")
         path = declare(self, "file", "", "recording: a .csv file, or a bag: its folder, .mcap or .db3 file")
-        (robot,) = robot_names([declare(self, "robot_name", "cf1", "whose pose topic is played to")])
+        robot = declare_robot_name(self, "whose pose topic is played to")
         topic = declare(self, "topic", "", "PoseStamped topic of the bag; empty: its only one")
         self._rate = declare(self, "rate", 1.0, "pace; 2.0 is twice as fast as recorded", bounds=(1e-3, 1e3))
         self._loop = declare(self, "loop", False, "begin again at the end")
@@ -54,9 +53,7 @@ class MocapPlayer(Node):  # type: ignore[misc]
         self._due = np.rint(self._recording.due() * nanoseconds).astype(np.int64).tolist()
         self._next = 0
         self._start: int | None = None
-        self.done = False
-        self._pose = PoseStamped()
-        self._pose.header.frame_id = "world"
+        self._pose = messages.pose_message()
         self._publisher = self.create_publisher(
             interfaces.POSE.kind, interfaces.POSE.of(robot), interfaces.POSE.publish
         )
@@ -117,7 +114,7 @@ def _read(path: str, topic: str) -> Recording:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the player; the console script `mocap_player`."""
-    return runtime.run(MocapPlayer, argv)
+    return run(MocapPlayer, argv)
 
 
 if __name__ == "__main__":

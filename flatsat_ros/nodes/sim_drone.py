@@ -1,54 +1,56 @@
-"""Simulated Crazyflies that speak crazyswarm2's topics: set-points in, motion capture poses out, in real time.
+"""Simulated Crazyflies behind crazyswarm2's topics: set-points in, motion capture poses out, in real time.
 
-The room's time follows the node's clock. When it cannot, because the process was stopped or the machine is too slow,
-the room stands still for what exceeds `_CATCH_UP`: integration never falls further and further behind, stamps never lie
-in the future, and no drone takes a stall of its own simulator for a lost link. The same holds when the clock steps.
+Simulated time follows the node's clock. When it cannot, because the process was stopped or the machine is too slow, it
+pauses for what exceeds `_CATCH_UP`: the simulation never falls further and further behind, stamps never lie in the
+future, and no drone takes a stall of its own simulator for a lost link. The same holds when the clock steps.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, Twist
-from rclpy.node import Node
+from geometry_msgs.msg import Twist
+from rclpy.publisher import Publisher
 from std_srvs.srv import Empty, Trigger
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot
 from flatsat_ros.nodes import crazyswarm
-from flatsat_ros.nodes.ros import interfaces, messages, runtime
+from flatsat_ros.nodes.ros import interfaces, messages
+from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, Report
 from flatsat_ros.nodes.ros.parameters import declare, declare_robots, declare_vehicles, declare_yaw_mode
+from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 from flatsat_ros.sim.dynamics import Wind
 from flatsat_ros.sim.firmware import Firmware, State
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.power import Battery
 from flatsat_ros.sim.sensor import MotionCapture
 
-# how often the room is brought up to date, s; poses leave at most this much later than they are due
+# how often the simulation is brought up to date, s; poses leave at most this much later than they are due
 _TICK = 0.005
 # the most that is caught up at once, s: less than the silence after which the firmware levels out
 _CATCH_UP = 0.25
-_DIAGNOSTICS_PERIOD = 1.0  # s
+_BATTERY_PERIOD = 1.0  # s
 
 Answer = TypeVar("Answer")
 
 
 class _Drone(NamedTuple):
-    """Where a robot is simulated: its fleet, and its index therein."""
+    """Where a robot is simulated: its fleet, and its number therein."""
 
     fleet: SimulatedFleet
-    index: int
+    number: int
 
 
-class SimDrone(Node):  # type: ignore[misc]
+class SimDrone(ProgramNode):
     """ROS shell of one `SimulatedFleet` for each vehicle profile."""
 
     def __init__(self) -> None:
-        """Read the parameters, switch the drones on, start the clock of the room."""
+        """Read the parameters, switch the drones on, start simulated time."""
         super().__init__("sim_drone")
         robots = declare_robots(self)
         self.robots = [robot.name for robot in robots]
@@ -58,25 +60,23 @@ class SimDrone(Node):  # type: ignore[misc]
         }
         self._drones = [drones[robot] for robot in range(len(self.robots))]
         self._refused = [0] * len(self.robots)
-        self._pose = PoseStamped()
-        self._pose.header.frame_id = "world"
-        self._pose_publishers, self._battery_publishers = [], []
+        self._pose = messages.pose_message()
+        self._pose_publishers: list[Publisher] = []
+        self._battery_publishers: list[Publisher] = []
         for index, robot in enumerate(self.robots):
             self._connect(index, robot)
             self._serve(index, robot)
             self._serve_together(robot, [index])
         self._serve_together(interfaces.ALL, range(len(self.robots)))
-        self._diagnostics = self.create_publisher(
-            interfaces.DIAGNOSTICS_KIND, interfaces.DIAGNOSTICS, interfaces.DIAGNOSTICS_QOS
-        )
-        # ns: what the clock showed last; what it shows when the time of the room is 0, now and without any pause
+        # ns: what the clock showed last; what it shows when simulated time is 0, now and without any pause
         self._seen = self._epoch = self._started = self.get_clock().now().nanoseconds
         self.create_timer(_TICK, self._advance)
-        self.create_timer(_DIAGNOSTICS_PERIOD, self._on_diagnostics)
+        self.create_timer(_BATTERY_PERIOD, self._publish_batteries)
+        Diagnostics(self, self._report)
         self.get_logger().info(f"simulating {', '.join(self.robots)}")
 
     def _build_fleets(self, robots: Sequence[Robot]) -> list[tuple[SimulatedFleet, list[int]]]:
-        """Read everything that makes the room and its drones; return a fleet and its robots for each vehicle profile.
+        """Read what is simulated and how; return a fleet and the indices of its robots for each vehicle profile.
 
         Raises:
             FlatsatError: a value is not valid.
@@ -108,14 +108,16 @@ class SimDrone(Node):  # type: ignore[misc]
         fleets = []
         for stream, kind in enumerate(dict.fromkeys(vehicles)):
             members = [index for index, vehicle in enumerate(vehicles) if vehicle == kind]
-            places = np.reshape(start, (count, 3))[members]
-            fleets.append((SimulatedFleet(kind, len(members), start=places, stream=stream, **common), members))
+            where = np.reshape(start, (count, 3))[members]
+            fleets.append((SimulatedFleet(kind, len(members), start=where, stream=stream, **common), members))
         return fleets
 
     def _wind(self) -> Wind:
         mean = declare(self, "wind", [0.0, 0.0, 0.0], "mean air velocity in the world frame, x, y, z", unit="m/s")
+        if len(mean) != 3:
+            raise FlatsatError(f"parameter wind has {len(mean)} entries: must have 3, x, y, z")
         return Wind(
-            mean=tuple(mean),
+            mean=(mean[0], mean[1], mean[2]),
             gust=declare(self, "gust", 0.0, "standard deviation of gusts, per axis", unit="m/s", bounds=(0.0, 100.0)),
             gust_time=declare(self, "gust_time", 1.0, "correlation time of gusts", unit="s", bounds=(1e-3, 1e3)),
         )
@@ -146,14 +148,12 @@ class SimDrone(Node):  # type: ignore[misc]
         self._pose_publishers.append(self.create_publisher(pose.kind, pose.of(robot), pose.publish))
         battery = interfaces.BATTERY
         self._battery_publishers.append(self.create_publisher(battery.kind, battery.of(robot), battery.publish))
-        self.create_subscription(
-            command.kind, command.of(robot), lambda m: self._on_command(index, m), command.subscribe
-        )
+        self.create_subscription(command.kind, command.of(robot), partial(self._on_command, index), command.subscribe)
 
     def _serve(self, index: int, robot: str) -> None:
         """Offer what only a single drone's link offers."""
         arm, reboot = (interfaces.drone_service_of(robot, name) for name in (interfaces.ARM, interfaces.REBOOT))
-        crazyswarm.serve_arming(self, arm, lambda armed: self._arm(index, armed))
+        crazyswarm.serve_arming(self, arm, partial(self._arm, index))
         self.create_service(Trigger, reboot, lambda _, answer: self._reboot(index, answer))
 
     def _serve_together(self, robot: str, indices: Sequence[int]) -> None:
@@ -163,25 +163,24 @@ class SimDrone(Node):  # type: ignore[misc]
         kinds = crazyswarm.services()
         if kinds is None:
             return
-        orders: dict[str, tuple[Any, Callable[[_Drone, Any], None]]] = {
-            interfaces.TAKEOFF: (kinds.Takeoff, lambda d, r: d.fleet.take_off(d.index, *messages.rise_from_request(r))),
-            interfaces.LAND: (kinds.Land, lambda d, r: d.fleet.land(d.index, *messages.rise_from_request(r))),
-            interfaces.GO_TO: (kinds.GoTo, lambda d, r: d.fleet.go_to(d.index, **messages.way_from_request(r))),
-            interfaces.NOTIFY: (kinds.NotifySetpointsStop, lambda d, _: d.fleet.notify_setpoints_stop(d.index)),
+        commands: dict[str, tuple[Any, Callable[[_Drone, Any], None]]] = {
+            interfaces.TAKEOFF: (kinds.Takeoff, _take_off),
+            interfaces.LAND: (kinds.Land, _land),
+            interfaces.GO_TO: (kinds.GoTo, _go_to),
+            interfaces.NOTIFY: (kinds.NotifySetpointsStop, _notify_setpoints_stop),
         }
-        for name, (kind, give) in orders.items():
-            self.create_service(
-                kind,
-                interfaces.drone_service_of(robot, name),
-                lambda request, answer, give=give: self._order(indices, lambda drone: give(drone, request), answer),
-            )
+        for name, (kind, command) in commands.items():
+            service = interfaces.drone_service_of(robot, name)
+            self.create_service(kind, service, partial(self._command_together, indices, command))
 
-    def _order(self, indices: Sequence[int], give: Callable[[_Drone], None], answer: Answer) -> Answer:
-        """Give drones a command of the high-level commander."""
+    def _command_together(
+        self, indices: Sequence[int], command: Callable[[_Drone, Any], None], request: Any, answer: Answer
+    ) -> Answer:
+        """Give drones a command for their high-level commanders."""
         self._advance()
         for index in indices:
             try:
-                give(self._drones[index])
+                command(self._drones[index], request)
             except FlatsatError as error:
                 self.get_logger().error(f"{self.robots[index]}: command ignored: {error}")
         return answer
@@ -189,7 +188,7 @@ class SimDrone(Node):  # type: ignore[misc]
     def _stop(self, indices: Iterable[int], answer: Empty.Response) -> Empty.Response:
         for index in indices:
             drone = self._drones[index]
-            drone.fleet.firmware.request_emergency(drone.index)
+            drone.fleet.firmware.request_emergency(drone.number)
         return answer
 
     def _arm(self, index: int, armed: bool) -> tuple[bool, str]:
@@ -202,7 +201,7 @@ class SimDrone(Node):  # type: ignore[misc]
     def _reboot(self, index: int, answer: Trigger.Response) -> Trigger.Response:
         fleet, number = self._drones[index]
         fleet.reboot(number)
-        answer.success = True
+        messages.fill_answer(answer, True, "")
         return answer
 
     def _on_command(self, index: int, message: Twist) -> None:
@@ -216,7 +215,7 @@ class SimDrone(Node):  # type: ignore[misc]
             self.get_logger().error(f"{self.robots[index]}: command ignored: {error}", throttle_duration_sec=1.0)
 
     def _advance(self) -> None:
-        """Bring the room up to the clock, as far as one step may, and publish the poses that are due."""
+        """Bring the simulation up to the clock, as far as one step may, and publish the poses that are due."""
         now = self.get_clock().now().nanoseconds
         elapsed, self._seen = now - self._seen, now
         self._epoch += elapsed - min(max(elapsed, 0), round(_CATCH_UP * messages.NANOSECONDS))
@@ -228,13 +227,16 @@ class SimDrone(Node):  # type: ignore[misc]
                 messages.fill_pose(self._pose, stamp, sample.position, sample.quaternion)
                 self._pose_publishers[members[sample.drone]].publish(self._pose)
 
-    def _on_diagnostics(self) -> None:
-        message = interfaces.DIAGNOSTICS_KIND()
+    def _publish_batteries(self) -> None:
         now = self.get_clock().now().nanoseconds
-        message.header.stamp = messages.stamp_from_nanoseconds(now)
+        for drone, publisher in zip(self._drones, self._battery_publishers, strict=True):
+            publisher.publish(messages.battery_message(now, float(drone.fleet.power.voltage[drone.number])))
+
+    def _report(self, _now: int) -> list[Report]:
+        """Return how every drone is."""
         paused = (self._epoch - self._started) / messages.NANOSECONDS
-        for index, robot in enumerate(self.robots):
-            fleet, number = self._drones[index]
+        reports = []
+        for robot, (fleet, number), refused in zip(self.robots, self._drones, self._refused, strict=True):
             level, text = _condition(fleet.firmware, number)
             values = {
                 "state": State(fleet.firmware.state[number]).name,
@@ -242,35 +244,50 @@ class SimDrone(Node):  # type: ignore[misc]
                 "tumbled": bool(fleet.firmware.tumbled[number]),
                 "battery V": f"{fleet.power.voltage[number]:.2f}",
                 "on the floor": bool(fleet.bodies.grounded[number]),
-                "commands ignored": self._refused[index],
+                "commands ignored": refused,
                 "paused s": f"{paused:.2f}",
             }
-            message.status.append(messages.diagnostic_status(f"{self.get_name()}: {robot}", robot, level, text, values))
-            self._battery_publishers[index].publish(messages.battery_message(now, float(fleet.power.voltage[number])))
-        self._diagnostics.publish(message)
+            reports.append(Report(robot, robot, level, text, values))
+        return reports
 
 
-def _condition(firmware: Firmware, index: int) -> tuple[bytes, str]:
-    """Return the level and one word about a drone's firmware."""
+def _take_off(drone: _Drone, request: Any) -> None:
+    drone.fleet.take_off(drone.number, *messages.rise_from_request(request))
+
+
+def _land(drone: _Drone, request: Any) -> None:
+    drone.fleet.land(drone.number, *messages.rise_from_request(request))
+
+
+def _go_to(drone: _Drone, request: Any) -> None:
+    drone.fleet.go_to(drone.number, **messages.way_from_request(request))
+
+
+def _notify_setpoints_stop(drone: _Drone, _request: Any) -> None:
+    drone.fleet.notify_setpoints_stop(drone.number)
+
+
+def _condition(firmware: Firmware, index: int) -> tuple[Level, str]:
+    """Return how well a drone is, and its condition in a few words."""
     state = State(firmware.state[index])
     if not firmware.powered[index]:
-        return DiagnosticStatus.ERROR, "battery empty"
+        return Level.ERROR, "battery empty"
     if firmware.tumbled[index] or state is State.CRASHED:
-        return DiagnosticStatus.ERROR, "tumbled"
+        return Level.ERROR, "tumbled"
     if state in (State.FREE_FALL, State.LOCKED):
-        return DiagnosticStatus.ERROR, "motors off until reboot"
+        return Level.ERROR, "motors off until reboot"
     if state is State.LEVEL_OUT:
-        return DiagnosticStatus.WARN, "level-out"
+        return Level.WARN, "level-out"
     if firmware.thrust_locked[index]:
-        return DiagnosticStatus.WARN, "thrust locked"
+        return Level.WARN, "thrust locked"
     if firmware.battery_low[index]:
-        return DiagnosticStatus.WARN, "battery low"
-    return DiagnosticStatus.OK, state.name.lower().replace("_", " ")
+        return Level.WARN, "battery low"
+    return Level.OK, state.name.lower().replace("_", " ")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the simulated drones; the console script `sim_drone`."""
-    return runtime.run(SimDrone, argv)
+    return run(SimDrone, argv)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from flatsat_ros.flight import estimator as model
-from flatsat_ros.flight.estimator import Estimator
+from flatsat_ros.flight.estimator import PREDICTION_MAX, Estimator
 
 LEVEL = (0.0, 0.0, 0.0, 1.0)
 
@@ -67,8 +67,8 @@ def test_a_stale_estimate_is_not_usable() -> None:
     watch(estimator, turning, 0.0, 1.0)
     assert estimator.usable(1.2, 0.3).all()
     assert not estimator.usable(1.3, 0.3).any()
-    assert estimator.usable(1.45, 10.0).all()
-    assert not estimator.usable(1.6, 10.0).any(), "the prediction ends after half a second"
+    assert estimator.usable(1.45, PREDICTION_MAX).all()
+    assert not estimator.usable(1.55, PREDICTION_MAX).any(), "the prediction ends after half a second"
 
 
 def test_a_constant_disturbance_is_learned() -> None:

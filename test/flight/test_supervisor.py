@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.flight.estimator import PREDICTION_MAX
 from flatsat_ros.flight.supervisor import Mode, Policy, Situation, next_mode
 
 POLICY = Policy(pose_timeout=0.3, level_time=3.0, unlock_time=0.5, ground_height=0.15, level_thrust=0.9)
@@ -114,6 +115,12 @@ def test_a_level_descent_may_not_climb_and_the_ground_must_be_somewhere() -> Non
         Policy(level_thrust=1.01)
     with pytest.raises(FlatsatError, match="ground_height is nan m"):
         Policy(ground_height=math.nan)
+
+
+def test_a_pose_older_than_the_estimate_predicts_is_never_flown_on() -> None:
+    Policy(pose_timeout=PREDICTION_MAX)
+    with pytest.raises(FlatsatError, match=r"pose_timeout is 0\.51 s: valid is at most 0\.5 s"):
+        Policy(pose_timeout=0.51)
 
 
 @pytest.mark.parametrize("bad", [-0.1, 0.51, math.nan])

@@ -32,6 +32,7 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint, input_from_setpoint
+from flatsat_ros.flight.estimator import PREDICTION_MAX
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.law.flatness import acceleration_from_input
@@ -317,8 +318,8 @@ class Lab:
         self.wait(stays, f"{robot} to stay within {tolerance} m of {goal}")
 
     def fly(self, *robots: str, **parameters: object) -> Process:
-        """Start the controller for these robots; it bears with the stalls of a busy machine if not told otherwise."""
-        return self.start("controller", robot_names=list(robots), **{"pose_timeout": 2.0, **parameters})
+        """Start the controller for these robots; poses may be as late as it bears, for the stalls of a busy machine."""
+        return self.start("controller", **{"robot_names": list(robots), "pose_timeout": PREDICTION_MAX, **parameters})
 
     def require_within_limits(self, commands: Sequence[Twist]) -> FloatArray:
         """Require that every command is finite and within the certificate's limits; return them as (M, 3) inputs."""

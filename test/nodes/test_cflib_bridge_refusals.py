@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         ({"uris": ["tcp://here"]}, "must be radio://"),
         ({"uris": ["udp://127.0.0.1:1", "udp://localhost:1"], "robot_names": ["cf1", "cf2"]}, "given twice"),
         ({"uris": ["udp://127.0.0.1:1"], "robot_names": ["cf1", "cf2"]}, "must have 2"),
+        ({"robot_names": []}, "parameter robot_names = []: must be of type string array and not empty"),
         ({"rate": 500.0, "spacing": 0.01}, "to fit 1 streams"),
         ({"on_shutdown": "fall"}, "stop, land"),
         ({"pose_rate": 10.0, "external_pose": "pose", "external_pose_topic": "pose"}, "own estimate"),

@@ -100,6 +100,10 @@ def test_bad_values_are_refused_with_a_reason_and_change_nothing(lab: Lab, colum
     [
         ({"mu": 2}, "decimal point"),
         ({"mu": -2.0}, "must lie in"),
+        ({"mu": []}, "parameter mu = []: must be of type double and not empty"),
+        ({"robots__cf1__mu": []}, "parameter robots.cf1.mu = []: must be a floating-point number"),
+        ({"robot_names": []}, "parameter robot_names = []: must be of type string array and not empty"),
+        ({"pose_timeout": 0.6}, "must lie in [0.01, 0.5] s"),
         ({"v_inf": 0.0}, "must lie in"),
         ({"robots__cf1__mu": -1.0}, "must be at least 0"),
         ({"robots__cf1__mu": 1}, "decimal point"),

@@ -38,7 +38,7 @@ def test_drones_of_two_types_fly_side_by_side_and_turn_to_their_yaw(lab: Lab, cr
     poses = {robot: lab.watch(interfaces.POSE, robot) for robot in ("cf1", "cf2")}
     commands = {robot: lab.watch(interfaces.COMMAND, robot) for robot in poses}
     lab.start("sim_drone", **kinds)
-    lab.start("controller", pose_timeout=2.0, **kinds)
+    lab.fly("cf1", "cf2", **kinds)
     arm = interfaces.service_of("cf2", interfaces.ARM)
     lab.wait(lambda: "asked to arm" in lab.ask(SetBool, arm, data=True).message, "the brushless drone to be armed")
     for robot, y in (("cf1", 0.0), ("cf2", 1.0)):

@@ -59,12 +59,12 @@ def read_bag(path: str, topic: str = "") -> Recording:
 
 @dataclass(frozen=True)
 class Recorded:
-    """One message as it came: arrival (ns), topic, ROS type name, CDR bytes."""
+    """One message as it came: arrival (ns), topic, ROS type name, serialised bytes (CDR)."""
 
     time: int
     topic: str
     kind: str
-    data: bytes
+    cdr: bytes
 
 
 def write_bag(folder: Path, recorded: Sequence[Recorded]) -> None:
@@ -90,7 +90,7 @@ def write_bag(folder: Path, recorded: Sequence[Recorded]) -> None:
                 for topic, kind in {entry.topic: entry.kind for entry in recorded}.items()
             }
             for entry in recorded:
-                writer.write(connections[entry.topic], entry.time, entry.data)
+                writer.write(connections[entry.topic], entry.time, entry.cdr)
         shutil.rmtree(folder, ignore_errors=True)
         partial.rename(folder)
         partial.parent.rmdir()

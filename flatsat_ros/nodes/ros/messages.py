@@ -1,18 +1,23 @@
-"""The only file that touches message fields. Everything it returns is SI, radians, floats in seconds."""
+"""The only file that touches message fields. Everything it returns is SI, radians, floats in seconds.
+
+A test reads the other files of the package for names of message fields.
+"""
 
 from __future__ import annotations
 
 import array
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, PoseStamped, Quaternion, Transform, Twist, Vector3
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
+from std_srvs.srv import SetBool
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from flatsat_ros.base.arrays import FloatArray
@@ -55,10 +60,22 @@ def stamp_from_nanoseconds(nanoseconds: int) -> Time:
 
 def nanoseconds_from_stamp(stamp: Time) -> int:
     """Return a message stamp as nanoseconds."""
-    return stamp.sec * NANOSECONDS + stamp.nanosec
+    return int(stamp.sec * NANOSECONDS + stamp.nanosec)
 
 
-def fill_pose(message: PoseStamped, nanoseconds: int, position: Sequence[float], quaternion: Sequence[float]) -> None:
+def pose_message() -> PoseStamped:
+    """Return a pose message of the world frame, which `fill_pose` fills."""
+    message = PoseStamped()
+    message.header.frame_id = "world"
+    return message
+
+
+def fill_pose(
+    message: PoseStamped,
+    nanoseconds: int,
+    position: Sequence[float] | FloatArray,
+    quaternion: Sequence[float] | FloatArray,
+) -> None:
     """Write stamp, position (m) and quaternion (x, y, z, w) into a pose message."""
     message.header.stamp = stamp_from_nanoseconds(nanoseconds)
     p, q = message.pose.position, message.pose.orientation
@@ -157,12 +174,37 @@ def message_from_trajectory(trajectory: Trajectory, start: int) -> MultiDOFJoint
     return message
 
 
+def arming_request(kind: type[Any], wanted: bool) -> Any:
+    """Return the request to arm or disarm a drone: std_srvs' SetBool or crazyflie_interfaces' Arm."""
+    return kind.Request(data=wanted) if kind is SetBool else kind.Request(arm=wanted)
+
+
+def arming_from_request(request: Any) -> bool:
+    """Return whether a request of std_srvs' SetBool or crazyflie_interfaces' Arm is to arm, or to disarm."""
+    return bool(request.data if isinstance(request, SetBool.Request) else request.arm)
+
+
+def hold_request(kind: type[Any], seconds: int) -> Any:
+    """Return the request of crazyflie_interfaces' GoTo to come to rest where the drone is, within whole seconds."""
+    return kind.Request(relative=True, duration=Duration(sec=seconds))
+
+
+def fill_answer(answer: Any, done: bool, text: str) -> None:
+    """Write into the answer of std_srvs' Trigger or SetBool whether it was done, and what there is to say."""
+    answer.success, answer.message = done, text
+
+
+def refusal_from_answer(answer: Any) -> str:
+    """Return why a service refused, nothing if it did not; crazyswarm2's services answer nothing and never refuse."""
+    return "" if getattr(answer, "success", True) else str(answer.message)
+
+
 def rise_from_request(request: Any) -> tuple[float, float, float]:
     """Return height, m, duration, s, and yaw, rad, of crazyflie_interfaces' Takeoff or Land.
 
     It names no yaw: both of crazyswarm2's back ends send a command that turns the drone to 0.
     """
-    return request.height, _nanoseconds(request.duration) / NANOSECONDS, 0.0
+    return float(request.height), _nanoseconds(request.duration) / NANOSECONDS, 0.0
 
 
 def way_from_request(request: Any) -> dict[str, Any]:
@@ -203,12 +245,55 @@ def fill_telemetry(message: Float64MultiArray, row: FloatArray) -> None:
     message.data = array.array("d", row.tobytes())
 
 
+def telemetry_from_message(message: Float64MultiArray) -> FloatArray:
+    """Return one drone's row, ordered as flight.telemetry.FIELDS."""
+    return np.array(message.data, dtype=np.float64)
+
+
+def diagnostics_message(nanoseconds: int, statuses: Iterable[DiagnosticStatus]) -> DiagnosticArray:
+    """Return a message of /diagnostics."""
+    message = DiagnosticArray(status=list(statuses))
+    message.header.stamp = stamp_from_nanoseconds(nanoseconds)
+    return message
+
+
 def diagnostic_status(
     name: str, hardware: str, level: bytes, text: str, values: Mapping[str, object]
 ) -> DiagnosticStatus:
-    """Return one status of /diagnostics."""
+    """Return one status of a message of /diagnostics."""
     pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
     return DiagnosticStatus(level=level, name=name, message=text, hardware_id=hardware, values=pairs)
+
+
+def parameter_descriptor(
+    meaning: str,
+    *,
+    unit: str = "",
+    bounds: tuple[float, float] | tuple[int, int] | None = None,
+    changeable: bool = False,
+    may_be_unset: bool = False,
+) -> ParameterDescriptor:
+    """Return what `ros2 param describe` tells of a parameter.
+
+    Args:
+        meaning: one sentence.
+        unit: of the value.
+        bounds: smallest and largest valid value; two integers for an integer parameter.
+        changeable: it may be set while the node runs.
+        may_be_unset: it needs no value.
+    """
+    text = meaning + (f" [{unit}]" if unit else "")
+    descriptor = ParameterDescriptor(description=text, read_only=not changeable, dynamic_typing=may_be_unset)
+    if bounds is not None and all(isinstance(bound, int) for bound in bounds):
+        descriptor.integer_range = [IntegerRange(from_value=int(bounds[0]), to_value=int(bounds[1]), step=1)]
+    elif bounds is not None:
+        descriptor.floating_point_range = [FloatingPointRange(from_value=float(bounds[0]), to_value=float(bounds[1]))]
+    return descriptor
+
+
+def parameters_answer(refusal: str = "") -> SetParametersResult:
+    """Return the answer to a request to set parameters: taken, or refused with the reason."""
+    return SetParametersResult(successful=not refusal, reason=refusal)
 
 
 def _nanoseconds(duration: Duration) -> int:

@@ -4,30 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import Enum
-from typing import Any, TypeVar
+from typing import TypeVar, cast
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException, ParameterException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot, read_crazyflies
 from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
 from flatsat_ros.crazyflie.wire import YawMode
+from flatsat_ros.nodes.ros import messages
 
 E = TypeVar("E", bound=Enum)
+T = TypeVar("T", bool, int, float, str, "list[str]", "list[float]")
 
 
 def declare(
     node: Node,
     name: str,
-    default: Any,
+    default: T,
     meaning: str,
     *,
     unit: str = "",
     bounds: tuple[float, float] | tuple[int, int] | None = None,
     changeable: bool = False,
-) -> Any:
+) -> T:
     """Declare one parameter and return its value.
 
     Args:
@@ -40,27 +42,23 @@ def declare(
         changeable: may be set while the node runs.
 
     Raises:
-        FlatsatError: the value given at start has the wrong type or is out of range.
+        FlatsatError: the value given at start has the wrong type, is out of range or is an empty array.
     """
-    descriptor = ParameterDescriptor(
-        description=meaning + (f" [{unit}]" if unit else ""),
-        read_only=not changeable,
-    )
-    if bounds is not None and isinstance(default, float):
-        descriptor.floating_point_range = [FloatingPointRange(from_value=float(bounds[0]), to_value=float(bounds[1]))]
-    elif bounds is not None:
-        descriptor.integer_range = [IntegerRange(from_value=int(bounds[0]), to_value=int(bounds[1]), step=1)]
+    descriptor = messages.parameter_descriptor(meaning, unit=unit, bounds=bounds, changeable=changeable)
+    kind = Parameter.Type.from_parameter_value(default).name.lower().replace("_", " ")
+    hint = "; it is written with a decimal point: 1.0, not 1" if kind == "double" else ""
     try:
-        return node.declare_parameter(name, default, descriptor).value
+        value = node.declare_parameter(name, default, descriptor).value
     except InvalidParameterTypeException as error:
-        kind = type(default).__name__
-        hint = "; a floating-point value is written with a decimal point: 1.0, not 1" if kind == "float" else ""
         raise FlatsatError(f"parameter {name}: must be of type {kind}{hint} ({error})") from error
     except InvalidParameterValueException as error:
         valid = f" must lie in [{bounds[0]}, {bounds[1]}] {unit}" if bounds is not None else ""
         raise FlatsatError(f"parameter {name}:{valid} ({error})") from error
     except ParameterException as error:
         raise FlatsatError(f"parameter {name}: {error}") from error
+    if value is None:  # what rclpy makes of an empty array, whatever the type of the parameter
+        raise FlatsatError(f"parameter {name} = []: must be of type {kind} and not empty{hint}")
+    return cast(T, value)
 
 
 def declare_choice(node: Node, name: str, valid: type[E], meaning: str) -> E:
@@ -87,10 +85,12 @@ def declare_override(node: Node, name: str, meaning: str, unit: str = "") -> flo
     Raises:
         FlatsatError: the value given at start is not a floating-point number.
     """
-    descriptor = ParameterDescriptor(
-        description=meaning + (f" [{unit}]" if unit else "") + "; unset: the common value applies", dynamic_typing=True
-    )
-    return require_float_or_unset(name, node.declare_parameter(name, None, descriptor).value)
+    text = f"{meaning}; unset: the common value applies"
+    descriptor = messages.parameter_descriptor(text, unit=unit, changeable=True, may_be_unset=True)
+    value = require_float_or_unset(name, node.declare_parameter(name, None, descriptor).value)
+    if value is None and name in node._parameter_overrides:  # see declare
+        raise FlatsatError(f"parameter {name} = []: must be a floating-point number, written with a decimal point")
+    return value
 
 
 def require_float_or_unset(name: str, value: object) -> float | None:
@@ -115,7 +115,7 @@ def declare_robots(node: Node) -> list[Robot]:
     robots = (
         read_crazyflies(path) if path else [Robot(name, "", (float(i), 0.0, 0.0), "") for i, name in enumerate(names)]
     )
-    robot_names([robot.name for robot in robots])
+    _require_robot_names([robot.name for robot in robots])
     return robots
 
 
@@ -153,14 +153,23 @@ def _refuse_strangers(node: Node, prefix: str, names: Sequence[str]) -> None:
             raise FlatsatError(f"parameter {parameter}: no such name in {prefix}: {valid}")
 
 
-def robot_names(names: Sequence[str]) -> list[str]:
-    """Return the robots' names, refusing what cannot be part of a topic name.
+def declare_robot_name(node: Node, meaning: str) -> str:
+    """Declare the name of the one robot that a node is about.
 
     Raises:
-        FlatsatError: none is given, one is not a ROS name or means all robots, or one is given twice.
+        FlatsatError: it is not a ROS name, or means all robots.
     """
-    if not names:
-        raise FlatsatError("parameter robot_names is empty: must name at least one robot, as in [cf1, cf2]")
+    name = declare(node, "robot_name", "cf1", meaning)
+    _require_robot_names([name])
+    return name
+
+
+def _require_robot_names(names: Sequence[str]) -> None:
+    """Refuse names of robots that cannot be part of a topic name.
+
+    Raises:
+        FlatsatError: one is not a ROS name or means all robots, or one is given twice.
+    """
     for name in names:
         plain = name.replace("_", "a")
         if not (plain.isascii() and plain.isalnum() and not plain[0].isdigit()):
@@ -172,4 +181,3 @@ def robot_names(names: Sequence[str]) -> list[str]:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise FlatsatError(f"robot name {twice[0]!r} is given twice: names must differ")
-    return list(names)
