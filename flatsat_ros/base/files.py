@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
+import sys
 import tempfile
 from pathlib import Path
 
@@ -48,7 +49,7 @@ def read_text(path: str | os.PathLike[str], bytes_max: int) -> str:
         raise unreadable(path, error) from error
 
 
-def check_regular(path: str | os.PathLike[str], bytes_max: int) -> None:
+def check_regular(path: str | os.PathLike[str], bytes_max: int = sys.maxsize) -> None:
     """Refuse what is not a regular file of at most bytes_max bytes, without opening it: a pipe would block.
 
     Raises:

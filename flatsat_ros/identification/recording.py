@@ -20,8 +20,8 @@ from flatsat_ros.base.files import located, read_text, unreadable
 COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 
 CSV_BYTES = 16 * 1024 * 1024  # half an hour at 100 Hz
-CSV_LINES = 500_000
-SPAN = 1e6  # s between the first stamp and any other: more is damage, and overflows nanoseconds when played slowly
+POSES = 500_000  # lines of a file, poses of a bag
+SPAN = 1e5  # s, more than a day, between the first stamp and any other: played slowly, later ones have no ROS time
 
 _NUMERALS = set("0123456789+-.eE")
 
@@ -77,8 +77,8 @@ def read_csv(path: str | os.PathLike[str]) -> Recording:
             names, a line is neither a pose nor torn, or there is no pose; the text names the line.
     """
     lines = read_text(path, CSV_BYTES).splitlines()
-    if len(lines) > CSV_LINES:
-        raise unreadable(path, f"it has more than {CSV_LINES} lines, the most that is read")
+    if len(lines) > POSES:
+        raise unreadable(path, f"it has more than {POSES} lines, the most that is read")
     header = tuple(column.strip() for column in lines[0].split(",")) if lines else ()
     if header != COLUMNS:
         raise located(path, f"line 1: {quoted(','.join(header))}: must be {','.join(COLUMNS)!r}")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from rclpy.duration import Duration
 
 from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.files import user_path
 from flatsat_ros.identification.recording import Recording, read_csv
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.bag import read_bag
@@ -104,7 +104,7 @@ def _read(path: str, topic: str) -> Recording:
     """
     if not path:
         raise FlatsatError("parameter file is empty: must be a recording, a .csv file or a bag")
-    file = Path(path).expanduser()
+    file = user_path(path)
     if file.suffix != ".csv":
         return read_bag(str(file), topic)
     if topic:

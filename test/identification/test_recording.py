@@ -118,5 +118,5 @@ def test_a_recording_refuses_shapes_that_differ_and_stamps_that_are_not_finite()
         Recording(np.zeros(2), np.zeros((3, 3)), np.zeros((2, 4)))
     with pytest.raises(FlatsatError, match="stamp = nan s: must be finite"):
         Recording(np.array([0.0, np.nan]), np.zeros((2, 3)), np.zeros((2, 4)))
-    with pytest.raises(FlatsatError, match=r"stamp = 2000000.0 s: must be .* within 1e\+06 s of the first"):
+    with pytest.raises(FlatsatError, match=r"stamp = 2000000.0 s: must be .* within 100000 s of the first"):
         Recording(np.array([0.0, 2e6]), np.zeros((2, 3)), np.zeros((2, 4)))

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import shutil
-import sqlite3
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.identification.recording import Recording
+from flatsat_ros.base.errors import FlatsatError, one_line, quoted
+from flatsat_ros.base.files import check_regular, located, unreadable, unwritable
+from flatsat_ros.base.strict_yaml import read_yaml
+from flatsat_ros.identification.recording import POSES, Recording
 from flatsat_ros.nodes.ros import messages
 
 _KIND = "geometry_msgs/msg/PoseStamped"
@@ -28,33 +29,50 @@ def read_bag(path: str, topic: str = "") -> Recording:
         The poses in recorded order, at the stamps of their headers; a zero stamp means the time of recording.
 
     Raises:
-        FlatsatError: rosbags is not installed, the bag cannot be read, or it has no such topic.
+        FlatsatError: rosbags is not installed, the bag cannot be read, it has no such topic, or more than POSES poses.
     """
     try:
-        from rosbags.rosbag2 import Reader, ReaderError
+        from rosbags.rosbag2 import Reader
     except ImportError as error:
-        raise FlatsatError(f"recording {path!r} is a bag: reading one needs rosbags, pip install rosbags") from error
+        raise unreadable(path, "a bag needs rosbags, pip install rosbags") from error
+    _check_files(Path(path))
     try:
         with Reader(Path(path)) as reader:
             topics = {c.topic: c for c in reader.connections if c.msgtype == _KIND}
             chosen = topic or (next(iter(topics)) if len(topics) == 1 else "")
             if chosen not in topics:
                 valid = f"must be one of its {_KIND} topics: {', '.join(topics) or 'none'}"
-                raise FlatsatError(f"recording {path!r}, topic {topic!r}: {valid}")
+                raise FlatsatError(f"topic = {quoted(topic)}: {valid}")
             entries = []
             for _, recorded, data in reader.messages([topics[chosen]]):
                 stamp, position, quaternion = messages.pose_from_cdr(bytes(data))
                 entries.append((stamp or recorded, position, quaternion))
-    except (ReaderError, OSError, sqlite3.Error) as error:
-        raise FlatsatError(f"recording {path!r} cannot be read: {error}") from error
-    if not entries:
-        raise FlatsatError(f"recording {path!r}: topic {chosen} has no messages")
-    first = entries[0][0]
-    return Recording(
-        np.array([(stamp - first) / messages.NANOSECONDS for stamp, _, _ in entries]),
-        np.array([position for _, position, _ in entries]),
-        np.array([quaternion for _, _, quaternion in entries]),
-    )
+                if len(entries) > POSES:
+                    raise FlatsatError(f"it has more than {POSES} poses, the most that are read")
+        first = entries[0][0] if entries else 0
+        return Recording(
+            np.array([(stamp - first) / messages.NANOSECONDS for stamp, _, _ in entries]),
+            np.array([position for _, position, _ in entries]),
+            np.array([quaternion for _, _, quaternion in entries]),
+        )
+    except FlatsatError as error:
+        raise located(path, one_line(str(error))) from error
+    except Exception as error:  # a damaged bag lets errors of a dozen kinds escape from rosbags and what it stands on
+        raise unreadable(path, error) from error
+
+
+def _check_files(path: Path) -> None:
+    """Refuse what rosbags would wait for or choke on: pipes and devices, and metadata that are not strictly YAML."""
+    if not path.is_dir():
+        check_regular(path)
+        return
+    try:
+        files = [file for file in path.iterdir() if not file.is_dir()]
+    except OSError as error:
+        raise unreadable(path, error) from error
+    for file in files:
+        check_regular(file)
+    read_yaml(path / "metadata.yaml")
 
 
 @dataclass(frozen=True)
@@ -77,7 +95,7 @@ def write_bag(folder: Path, recorded: Sequence[Recorded]) -> None:
         from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
-        raise FlatsatError(f"bag {str(folder)!r}: writing one needs rosbags, pip install rosbags") from error
+        raise unwritable(folder, "a bag needs rosbags, pip install rosbags") from error
     typestore = get_typestore(Stores.ROS2_JAZZY)
     # rosbags names the file after the folder it is written to: same name, one level down
     partial = folder.parent / ".part" / folder.name
@@ -95,4 +113,4 @@ def write_bag(folder: Path, recorded: Sequence[Recorded]) -> None:
         partial.rename(folder)
         partial.parent.rmdir()
     except (WriterError, OSError) as error:
-        raise FlatsatError(f"bag {str(folder)!r} cannot be written: {error}") from error
+        raise unwritable(folder, error) from error
