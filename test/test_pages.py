@@ -114,15 +114,20 @@ def missing_modules(page: str) -> list[str]:
     return sorted({name for name in _MODULE.findall(code(page)) if not leads(name)})
 
 
-def missing_members(page: str) -> list[str]:
-    """`Class.member` in code where a class of the package has no such member, or there is no such class."""
-    classes: dict[str, set[str]] = {}
+@cache
+def classes() -> dict[str, set[str]]:
+    """The members of all classes of the package, by name of the class."""
+    found: dict[str, set[str]] = {}
     for file in PACKAGE.rglob("*.py"):
         for name, inner in members(file).items():
-            classes.setdefault(name, set()).update(inner)
-    return sorted(
-        {f"{name}.{member}" for name, member in _MEMBER.findall(code(page)) if member not in classes.get(name, ())}
-    )
+            found.setdefault(name, set()).update(inner)
+    return found
+
+
+def missing_members(page: str) -> list[str]:
+    """`Class.member` in code where a class of the package has no such member, or there is no such class."""
+    named = {(name, member) for name, member in _MEMBER.findall(code(page)) if member not in classes().get(name, ())}
+    return sorted(f"{name}.{member}" for name, member in named)
 
 
 def unknown_commands(page: str) -> list[str]:
@@ -204,6 +209,13 @@ def places() -> dict[str, list[tuple[str, list[str]]]]:
         spans = [_SPAN.findall(part) for part in where.split("; ")]
         table[change] = [(file, names) for file, *names in filter(None, spans)]
     return table
+
+
+def test_the_classes_of_the_architecture_are_there() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    named = {name for name in _SPAN.findall(page) if re.fullmatch(r"[A-Z]+[a-z]\w+", name)}
+    assert "Pilot" in named
+    assert named - set(classes()) == set()
 
 
 def test_contributing_says_where_to_change_what() -> None:
