@@ -29,6 +29,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (str(SHARE), ["package.xml"]),
         *configuration(),
+        (str(SHARE / "launch"), sorted(map(str, Path("launch").glob("*.launch.py")))),
     ],
     python_requires=">=3.10",
     # rclpy and the messages come from a sourced ROS 2 or from requirements/requirements.txt.
