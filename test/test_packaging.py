@@ -76,6 +76,12 @@ def test_every_configuration_file_is_installed_and_found(root: Path, prefix: Pat
         assert config_path(file.stem, folder).read_bytes() == (root / file).read_bytes()
 
 
+def test_launch_files_and_the_marker_of_types_are_installed(root: Path, prefix: Path) -> None:
+    launch = prefix / "share/flatsat_ros/launch"
+    assert sorted(file.name for file in launch.iterdir()) == sorted(file.name for file in (root / "launch").iterdir())
+    assert (Path(flatsat_ros.__file__).parent / "py.typed").is_file()
+
+
 def test_a_path_of_the_users_is_taken_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     own = tmp_path / "cf21.yaml"
     own.touch()
