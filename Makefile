@@ -11,7 +11,7 @@ ARGS ?=
 
 PYTHON_NOBLE ?= $(firstword $(wildcard $(HOME)/.pyenv/versions/3.12*/bin/python) $(shell command -v python3.12))
 NOBLE := .venv-noble
-WITHOUT_ROS := $(addprefix test/,base law certificate flight crazyflie synthesis identification sim falsification paper/test_errata.py paper/test_tracking.py)
+WITHOUT_ROS := $(addprefix test/,base law certificate flight crazyflie synthesis identification sim falsification paper/test_errata.py paper/test_offset_free.py paper/test_tracking.py)
 NOBLE_REQUIREMENTS := requirements/noble.txt
 NOBLE_SETUP := $(NOBLE)/.done
 
@@ -62,8 +62,9 @@ certificates: build  ## the paper's certificates in config/, computed again
 	$(SOURCED) $(EXECUTABLES)/synthesize --paper all --output-dir config --force
 	$(SOURCED) $(EXECUTABLES)/synthesize $(CF21) --output config/cf21_50hz.yaml --force
 
-lint: setup  ## ruff and mypy --strict
+lint: setup  ## style, format and types: ruff, mypy --strict over the whole package
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
 clean:  ## remove what was built, not .venv

@@ -21,7 +21,6 @@ os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 101)
 
 import law
 import numpy as np
-import offset
 import processes
 from report import Quartiles, Target, quartiles, table
 from tqdm import tqdm
@@ -29,6 +28,7 @@ from tqdm import tqdm
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import Certificate, load_certificate
+from flatsat_ros.paper import offset_free
 from flatsat_ros.synthesis.nominal import synthesize
 
 _CERTIFICATE = "paper_experiment"
@@ -135,12 +135,20 @@ def _compare_processes(folder: Path, targets: list[Target]) -> dict[str, Any]:
 
 def _compare_offsets(targets: list[Target]) -> dict[str, Any]:
     """Fly every trouble with every policy; the flights are the same in every run."""
-    policies = {"paper": offset.PAPER, "offset-free": offset.OFFSET_FREE, "thrust too": offset.ESTIMATING}
+    policies = {
+        "paper": offset_free.PAPER,
+        "offset-free": offset_free.OFFSET_FREE,
+        "thrust too": offset_free.ESTIMATING,
+    }
     rows, results = [], {}
-    flights = [(vehicle, trouble) for vehicle in offset.VEHICLES for trouble in (*offset.TROUBLES, *offset.TOO_MUCH)]
+    flights = [
+        (vehicle, trouble)
+        for vehicle in offset_free.VEHICLES
+        for trouble in (*offset_free.TROUBLES, *offset_free.TOO_MUCH)
+    ]
     for vehicle, trouble in tqdm(flights, desc="flights", leave=False):
         name = f"{vehicle}, {trouble.name}"
-        flown = {key: offset.swap(vehicle, trouble, policy) for key, policy in policies.items()}
+        flown = {key: offset_free.swap(vehicle, trouble, policy) for key, policy in policies.items()}
         if not all(outcome.within for outcome in flown.values()):
             raise FlatsatError(f"{name}: a command left the limits")
         rows.append([
@@ -149,8 +157,11 @@ def _compare_offsets(targets: list[Target]) -> dict[str, Any]:
             *(f"{100.0 * outcome.swap:.2f}" for outcome in flown.values()),
         ])  # fmt: skip
         results[name] = {key: outcome._asdict() for key, outcome in flown.items()}
-        best = flown["thrust too" if trouble in offset.TOO_MUCH else "offset-free"]
-        for what, most, value in (("hover", offset.HOVER_TARGET, best.hover), ("swap", offset.SWAP_TARGET, best.swap)):
+        best = flown["thrust too" if trouble in offset_free.TOO_MUCH else "offset-free"]
+        for what, most, value in (
+            ("hover", offset_free.HOVER_TARGET, best.hover),
+            ("swap", offset_free.SWAP_TARGET, best.swap),
+        ):
             targets.append(Target(f"{what}, m: {name}", most, Quartiles(value, value, value)))
     print("Three drones at 50 Hz, mu = 2: steady error of the hover and RMS error of the swap, the worst drone, cm")
     print(table(["", *(f"hover, {key}" for key in policies), *(f"swap, {key}" for key in policies)], rows))

@@ -1,4 +1,7 @@
-"""Offset-free flight: how far simulated drones with wrong thrust or in wind hang from where they should be."""
+"""Beyond the paper: how far simulated drones with wrong thrust or in wind hang from where they should be.
+
+The paper's swap with its law, with the disturbance compensated, and with the thrust estimated as well.
+"""
 
 from __future__ import annotations
 
