@@ -4,28 +4,49 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import pytest
 import rclpy
+import yaml
+from rclpy.qos import QoSProfile
 
 from flatsat_ros.flight.telemetry import FIELDS
+from flatsat_ros.identification.recording import COLUMNS
+from flatsat_ros.nodes.calibrate_hover import CalibrateHover
 from flatsat_ros.nodes.cflib_bridge import CflibBridge
 from flatsat_ros.nodes.controller_node import ControllerNode
+from flatsat_ros.nodes.mocap_player import MocapPlayer
 from flatsat_ros.nodes.ros import interfaces
 from flatsat_ros.nodes.sim_drone import SimDrone
 
+# defaults that are put into words
+COMPUTED = {"start_positions", "uris"}
 # what rclpy declares by itself
 OWN = re.compile(r"use_sim_time|start_type_description_service|qos_overrides\..*")
 
 
-@pytest.fixture
-def ros() -> Iterator[None]:
-    rclpy.init(args=[])
-    yield
-    rclpy.shutdown()
+# what a node does not start without
+GIVEN = {MocapPlayer: ("file", "recording.csv"), CalibrateHover: ("output", "mine.yaml")}
+
+
+@contextmanager
+def started(make: type[Any], folder: Path) -> Iterator[Any]:
+    """A node, with files of its own in a folder."""
+    (folder / "recording.csv").write_text(f"{','.join(COLUMNS)}\n0,0,0,1,0,0,0,1\n", encoding="utf-8")
+    given = [f"{name}:={folder / file}" for kind, (name, file) in GIVEN.items() if kind is make]
+    rclpy.init(args=["--ros-args", *(part for value in given for part in ("-p", value))])
+    try:
+        node = make()
+        yield node
+        for link in getattr(node, "links", []):
+            link.leave()
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
 
 
 @pytest.fixture(scope="module")
@@ -52,12 +73,13 @@ def defaults(text: str) -> dict[str, str]:
     return {row[1]: row[3] for row in rows if "," not in row[1]}
 
 
-@pytest.mark.usefixtures("ros")
 @pytest.mark.parametrize(
     ("make", "title"),
     [
         (ControllerNode, "`controller`"),
         (SimDrone, "`sim_drone`"),
+        (MocapPlayer, "`mocap_player`"),
+        (CalibrateHover, "`calibrate_hover`"),
         pytest.param(
             CflibBridge, "`cflib_bridge`", marks=pytest.mark.skipif(not find_spec("cflib"), reason="an extra")
         ),
@@ -67,19 +89,15 @@ def test_every_parameter_is_documented_with_its_default(
     make: type[Any], title: str, page: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    node = make()
-    for link in getattr(node, "links", []):
-        link.leave()
-    declared = {name: value.value for name, value in node._parameters.items() if not OWN.fullmatch(name)}
-    node.destroy_node()
+    with started(make, tmp_path) as node:
+        declared = {name: value.value for name, value in node._parameters.items() if not OWN.fullmatch(name)}
     text = section(page, f"## Parameters of {title}")
     common = {name for name in declared if not name.startswith("robots.")}
     assert first_columns(text) == common
     for name in {name.rpartition(".")[2] for name in declared} - common:
         assert f"`.{name}`" in text or f"`robots.<name>.{name}`" in text
     for name, documented in defaults(text).items():
-        if isinstance(declared[name], (int, float)) and not isinstance(declared[name], bool):
-            assert float(documented) == declared[name], name
+        assert yaml.safe_load(documented or "''") == declared[name] or name in {*COMPUTED, *GIVEN.get(make, ())}, name
 
 
 def test_every_telemetry_entry_is_documented(page: str) -> None:
@@ -87,10 +105,30 @@ def test_every_telemetry_entry_is_documented(page: str) -> None:
     assert first_columns(table) == set(FIELDS)
 
 
-def test_every_topic_is_documented(page: str) -> None:
-    table = first_columns(section(page, "## Topics"))
-    topics = (interfaces.POSE, interfaces.GOAL, interfaces.TRAJECTORY, interfaces.COMMAND, interfaces.TELEMETRY)
-    assert {topic.of("<robot>") for topic in topics} | {interfaces.DIAGNOSTICS} <= table
+def quality(profile: QoSProfile) -> str:
+    """A quality of service as the table writes it."""
+    reliability = profile.reliability.name.lower().replace("_", " ")
+    return f"{reliability}, depth {profile.depth}"
+
+
+def test_every_topic_is_documented_with_type_and_quality(page: str) -> None:
+    first = section(page, "## Topics").strip().split("\n\n")[1]  # behind one sentence
+    rows = [[cell.strip(" `") for cell in line.split("|")] for line in first.splitlines() if line.startswith("| `")]
+    table = {name: (kind, qos) for _, name, kind, _, qos, _ in rows}
+    topics = [topic for topic in vars(interfaces).values() if isinstance(topic, interfaces.Topic)]
+    pose = interfaces.POSE
+    expected = {
+        topic.of("<robot>"): (topic.kind, f"published {quality(topic.publish)}; subscribed {quality(topic.subscribe)}")
+        if topic is pose
+        else (topic.kind, quality(topic.subscribe))
+        for topic in topics
+    }
+    expected["<robot>/mocap_pose"] = (pose.kind, quality(pose.subscribe))
+    expected[interfaces.DIAGNOSTICS] = (interfaces.DIAGNOSTICS_KIND, quality(interfaces.DIAGNOSTICS_QOS))
+    assert table == {
+        name: (f"{kind.__module__.partition('.')[0]}/{kind.__name__}", qos) for name, (kind, qos) in expected.items()
+    }
+    assert [topic for topic in topics if topic is not pose and quality(topic.publish) != quality(topic.subscribe)] == []
 
 
 def test_every_service_is_documented(page: str) -> None:
