@@ -41,11 +41,11 @@ setup(
     zip_safe=False,  # the configuration is found beside the package, as files
     entry_points={
         "console_scripts": [
-            "controller = flatsat_ros.nodes.controller_node:main",
-            "cflib_bridge = flatsat_ros.nodes.cflib_bridge:main",
-            "calibrate_hover = flatsat_ros.nodes.calibrate_hover:main",
-            "sim_drone = flatsat_ros.nodes.sim_drone:main",
-            "mocap_player = flatsat_ros.nodes.mocap_player:main",
+            "controller = flatsat_ros.nodes.programs:controller",
+            "cflib_bridge = flatsat_ros.nodes.programs:cflib_bridge",
+            "calibrate_hover = flatsat_ros.nodes.programs:calibrate_hover",
+            "sim_drone = flatsat_ros.nodes.programs:sim_drone",
+            "mocap_player = flatsat_ros.nodes.programs:mocap_player",
             "synthesize = flatsat_ros.cli.synthesize:main",
             "demo = flatsat_ros.cli.demo:main",
             "reproduce = flatsat_ros.cli.reproduce:main",

@@ -106,7 +106,7 @@ class CalibrateHover(ProgramNode):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the calibration; the console script `calibrate_hover`."""
+    """Run the calibration."""
     return run(CalibrateHover, argv)
 
 

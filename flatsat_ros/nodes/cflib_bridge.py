@@ -307,7 +307,7 @@ def _claim(address: Address) -> socket.socket:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the bridge; the console script `cflib_bridge`."""
+    """Run the bridge."""
     return run(CflibBridge, argv)
 
 

@@ -336,7 +336,7 @@ class ControllerNode(ProgramNode):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the controller; the console script `controller`."""
+    """Run the controller."""
     return run(ControllerNode, argv)
 
 

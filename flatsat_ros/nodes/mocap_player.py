@@ -113,7 +113,7 @@ def _read(path: str, topic: str) -> Recording:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the player; the console script `mocap_player`."""
+    """Run the player."""
     return run(MocapPlayer, argv)
 
 

@@ -286,7 +286,7 @@ def _condition(firmware: Firmware, index: int) -> tuple[Level, str]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the simulated drones; the console script `sim_drone`."""
+    """Run the simulated drones."""
     return run(SimDrone, argv)
 
 

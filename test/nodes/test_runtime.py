@@ -65,11 +65,15 @@ def test_a_node_that_is_done_ends_with_its_own_code() -> None:
 
 @pytest.mark.usefixtures("handlers")
 def test_a_refusal_is_one_line_and_code_2(capsys: pytest.CaptureFixture[str]) -> None:
-    def refuse() -> ProgramNode:
-        raise FlatsatError("mu = -1.0: must be at least 0")
+    def refuse(error: Exception) -> ProgramNode:
+        raise error
 
-    assert run(refuse, []) == 2
+    assert run(lambda: refuse(FlatsatError("mu = -1.0: must be at least 0")), []) == 2
+    assert run(lambda: refuse(PermissionError(13, "Permission denied", "/here")), []) == 2
+    assert run(lambda: ProgramNode("1 drone"), []) == 2
     assert run(Finished, ["program", "--ros-args", "-p", "my drone:=1"]) == 2
-    mine, ros = capsys.readouterr().err.splitlines()[::1][-2:]
-    assert mine == "error: mu = -1.0: must be at least 0"
-    assert ros.startswith("error: failed to initialize rcl: Couldn't parse")
+    ours, system, name, arguments = capsys.readouterr().err.splitlines()
+    assert ours == "error: mu = -1.0: must be at least 0"
+    assert system == "error: [Errno 13] Permission denied: '/here'"
+    assert name.startswith("error: Invalid node name")
+    assert arguments.startswith("error: failed to initialize rcl: Couldn't parse")

@@ -9,8 +9,10 @@ from contextlib import contextmanager
 from types import FrameType
 
 import rclpy
+from rclpy.exceptions import NameValidationException
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
@@ -61,9 +63,9 @@ def run(make_node: Callable[[], ProgramNode], arguments: Sequence[str] | None = 
             return _refuse(" ".join(str(error).split()))
         try:
             node = make_node()
-        except FlatsatError as error:
+        except (FlatsatError, OSError, NameValidationException, rclpy_implementation.RCLError) as error:
             rclpy.try_shutdown()
-            return _refuse(str(error))
+            return _refuse(" ".join(str(error).split()))
         executor: Executor = EventsExecutor()
         executor.add_node(node)
         try:

@@ -1,0 +1,48 @@
+"""The console scripts of the nodes: each loads its node when it is called, so that a missing ROS is one line.
+
+Nothing of ROS is imported here.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.util import find_spec
+
+
+def controller(argv: Sequence[str] | None = None) -> int:
+    """Run the controller."""
+    return _run("controller_node", argv)
+
+
+def sim_drone(argv: Sequence[str] | None = None) -> int:
+    """Run the simulated drones."""
+    return _run("sim_drone", argv)
+
+
+def cflib_bridge(argv: Sequence[str] | None = None) -> int:
+    """Run the link to real Crazyflies through cflib."""
+    return _run("cflib_bridge", argv)
+
+
+def mocap_player(argv: Sequence[str] | None = None) -> int:
+    """Run the player of recordings."""
+    return _run("mocap_player", argv)
+
+
+def calibrate_hover(argv: Sequence[str] | None = None) -> int:
+    """Run the calibration in a hover."""
+    return _run("calibrate_hover", argv)
+
+
+def _run(module: str, argv: Sequence[str] | None) -> int:
+    """Run the main function of a node's module; return the exit code of the process, 2 if a library is missing."""
+    try:
+        program = import_module(f"flatsat_ros.nodes.{module}")
+    except ImportError as error:
+        reason = " ".join(str(error).split())
+        hint = "" if find_spec("rclpy") else "; source ROS 2 Jazzy first: . /opt/ros/jazzy/setup.bash"
+        print(f"error: {reason}{hint}", file=sys.stderr)
+        return 2
+    return int(program.main(argv))
