@@ -32,10 +32,11 @@ class Unseen:
     """A fleet that nobody measures, so that its pilot stays silent: only the clock goes on.
 
     Attributes:
-        yaw_mode: as of a fleet.
+        count, yaw_mode: as of a fleet.
         time: advanced to, s.
     """
 
+    count = 1
     yaw_mode = YawMode.RATE
     time = 0.0
 
