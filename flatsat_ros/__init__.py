@@ -7,8 +7,8 @@ whole programs. Each name is imported from its room when it is first used.
 Stable within a major version, arguments and methods included: `InputSet`, `input_from_acceleration`,
 `acceleration_from_input`, `Certificate` (`load`, `save`, `verify`), `load_certificate`, `load_vehicle`, `FlatsatError`.
 
-Provisional, a change gets a line in the changelog: `Controller`, `Tuning`, `Pilot`, `Trajectory`, `SimulatedFleet`,
-`fly`, and whatever is imported from a room itself. The rooms, and which may know which, are drawn in
+Provisional, a change gets a line in the changelog: `Controller`, `Tuning`, `Pilot`, `Policy`, `Trajectory`,
+`SimulatedFleet`, `fly`, and whatever is imported from a room itself. The rooms, and which may know which, are drawn in
 docs/architecture.md and stated by test/test_layering.py.
 """
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from flatsat_ros.base import FlatsatError
     from flatsat_ros.certificate import Certificate, load_certificate
     from flatsat_ros.crazyflie import load_vehicle
-    from flatsat_ros.flight import Pilot, Trajectory
+    from flatsat_ros.flight import Pilot, Policy, Trajectory
     from flatsat_ros.law import Controller, InputSet, Tuning, acceleration_from_input, input_from_acceleration
     from flatsat_ros.sim import SimulatedFleet, fly
 else:
@@ -33,6 +33,7 @@ else:
             "FlatsatError": "base",
             "InputSet": "law",
             "Pilot": "flight",
+            "Policy": "flight",
             "SimulatedFleet": "sim",
             "Trajectory": "flight",
             "Tuning": "law",
@@ -50,6 +51,7 @@ __all__ = [
     "FlatsatError",
     "InputSet",
     "Pilot",
+    "Policy",
     "SimulatedFleet",
     "Trajectory",
     "Tuning",

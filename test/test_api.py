@@ -31,7 +31,7 @@ STABLE = (
     "Certificate", "FlatsatError", "InputSet", "acceleration_from_input", "input_from_acceleration",
     "load_certificate", "load_vehicle",
 )  # fmt: skip
-PROVISIONAL = ("Controller", "Pilot", "SimulatedFleet", "Trajectory", "Tuning", "fly")
+PROVISIONAL = ("Controller", "Pilot", "Policy", "SimulatedFleet", "Trajectory", "Tuning", "fly")
 ROOMS = sorted({file.parent.relative_to(PACKAGE.parent) for file in PACKAGE.glob("**/__init__.py")})
 HEAVY = {"numpy", "scipy", "cvxpy", "matplotlib", "rclpy", "tqdm"}
 

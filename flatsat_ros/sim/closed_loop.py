@@ -18,7 +18,12 @@ _ROUNDING = 1e-6
 
 
 def fly(
-    pilot: Pilot, fleet: SimulatedFleet, vehicle: VehicleProfile, until: float, observe: Observer, start: float = 0.0
+    pilot: Pilot,
+    fleet: SimulatedFleet,
+    vehicle: VehicleProfile,
+    until: float,
+    observe: Observer | None = None,
+    start: float = 0.0,
 ) -> float:
     """Close the loop for a stretch of simulated time, exactly as the controller and sim_drone nodes do.
 
@@ -30,8 +35,8 @@ def fly(
         fleet: is flown; its time must be at most start.
         vehicle: thrust map of the command.
         until: s, simulated time before which the last tick is.
-        observe: called at every tick with the time (s), the pose samples that arrived, the tick and the set-points sent
-            by drone.
+        observe: if given, called at every tick with the time (s), the pose samples that arrived, the tick and the
+            set-points sent by drone.
         start: s, simulated time of the first tick.
 
     Returns:
@@ -52,5 +57,6 @@ def fly(
             if command is not None:
                 sent[index] = setpoint_from_command(*command, vehicle, yaw_mode=fleet.yaw_mode)
                 fleet.command(index, *sent[index])
-        observe(now, samples, tick, sent)
+        if observe is not None:
+            observe(now, samples, tick, sent)
     return start + ticks * period
