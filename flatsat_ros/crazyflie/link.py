@@ -35,13 +35,13 @@ class Address:
 
     Attributes:
         uri: as cflib takes it.
-        lane: name of what the drone's packets pass through: the dongle, which several drones may share, or over UDP the
-            connection of this drone alone.
+        transport: name of what the drone's packets pass through: the dongle, which several drones may share, or over
+            UDP the connection of this drone alone.
         drone: name of the drone itself: the same however its URI is written and whatever the dongle.
     """
 
     uri: str
-    lane: str
+    transport: str
     drone: str
 
     @classmethod
@@ -87,7 +87,7 @@ def sendable(setpoint: WireSetpoint, pwm_max: float) -> WireSetpoint:
     return setpoint._replace(thrust=float(int(min(max(setpoint.thrust, 0.0), pwm_max))))
 
 
-class Lane(Generic[S, P]):
+class PacketQueue(Generic[S, P]):
     """The packets that wait for their turn on one dongle: of each stream the newest, and when it may be sent.
 
     A stream is what goes to one drone for one purpose, such as its set-points. Of a stream at most one packet is sent
@@ -103,7 +103,7 @@ class Lane(Generic[S, P]):
         """Begin with nothing waiting.
 
         Args:
-            streams: number of streams that share the lane.
+            streams: number of streams that share the queue.
             period: least time between two packets of a stream, s, above 0.
             gap: least time between any two packets, s; all streams together must fit into a period.
             lifetime: longest time that a packet waits, s, above the period.
@@ -157,7 +157,7 @@ class Lane(Generic[S, P]):
 
 
 @dataclass(frozen=True)
-class Farewell:
+class ShutdownSequence:
     """The set-points with which a drone that was flown is left when the link ends.
 
     A level descent, where wanted, then zero thrust for ZERO_TIME.

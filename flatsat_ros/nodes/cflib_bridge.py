@@ -23,7 +23,8 @@ from std_srvs.srv import Empty
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot
-from flatsat_ros.crazyflie.link import Address, Farewell, Lane, sendable
+from flatsat_ros.crazyflie.link import Address, PacketQueue, ShutdownSequence, sendable
+from flatsat_ros.crazyflie.outbox import Outbox, Packet, Stream
 from flatsat_ros.flight.supervisor import Policy
 from flatsat_ros.nodes import crazyswarm
 from flatsat_ros.nodes.ros import interfaces, messages
@@ -100,7 +101,7 @@ class CflibBridge(ProgramNode):
         self.get_logger().info("linking " + ", ".join(f"{robot} at {address.uri}" for robot, address in pairs))
 
     def finish(self) -> None:
-        """Say farewell to every drone that was flown; the emergency stop works until the last one is through."""
+        """Leave every drone as configured; the emergency stop works until the last one is through."""
         for link in self.links:
             link.leave()
         self.spin_while(lambda: any(link.alive for link in self.links))
@@ -117,14 +118,14 @@ class CflibBridge(ProgramNode):
                 raise FlatsatError(f"URI {address.uri!r} is given twice: each drone must have its own")
         return addresses
 
-    def _farewells(self) -> dict[str, Farewell]:
+    def _shutdown_sequences(self) -> dict[str, ShutdownSequence]:
         """Return how each drone is left."""
         end = declare_choice(self, "on_shutdown", OnShutdown, "how drones that were flown are left")
         time = declare(self, "land_time", 3.0, "level descent before the motors stop", unit="s", bounds=(0.1, 60.0))
         descent, yaw_mode = time if end is OnShutdown.LAND else 0.0, declare_yaw_mode(self)
         sinking = Policy.level_thrust * GRAVITY
         return {
-            robot: Farewell(descent, float(vehicle.pwm_from_thrust(sinking)), yaw_mode)
+            robot: ShutdownSequence(descent, float(vehicle.pwm_from_thrust(sinking)), yaw_mode)
             for robot, vehicle in self._vehicles.items()
         }
 
@@ -138,22 +139,23 @@ class CflibBridge(ProgramNode):
         return str(folder)
 
     def _links(self, addresses: Sequence[Address], streams: int, settings: Any, cflib_link: Any) -> list[Link]:
-        """Make the links; those that share a dongle share its time."""
+        """Make the links; the drones of one dongle share its time."""
         rate = declare(self, "rate", 100.0, "most set-points per second and drone", unit="Hz", bounds=(5.0, 500.0))
         spacing = declare(self, "spacing", 0.001, "between any two packets of one dongle", unit="s", bounds=(0.0, 0.1))
-        users = Counter(address.lane for address in addresses)
+        users, queues = Counter(address.transport for address in addresses), {}
         try:
-            lanes = {name: Lane[Any, Any](streams * users[name], period=1.0 / rate, gap=spacing) for name in users}
+            for name, count in users.items():
+                queue = PacketQueue[tuple[str, Stream], Packet](streams * count, period=1.0 / rate, gap=spacing)
+                queues[name] = queue
         except FlatsatError as error:
             raise FlatsatError(f"parameters rate = {rate} Hz, spacing = {spacing} s: {error}") from error
-        farewells = self._farewells()
+        sequences = self._shutdown_sequences()
         return [
             cflib_link.Link(
                 robot,
                 address,
-                lanes[address.lane],
+                Outbox(robot, queues[address.transport], sequences[robot]),
                 settings,
-                farewells[robot],
                 self._pose_publisher(robot),
                 self._battery_publisher(robot),
                 self._line_logger(robot),
@@ -251,8 +253,9 @@ class CflibBridge(ProgramNode):
                 "uri": link.address.uri,
                 "silent s": f"{link.silence:.2f}",
                 "refused": self._refused[link.robot],
-                "overtaken": link.overtaken,
-                **link.counts,
+                "overtaken": link.outbox.overtaken,
+                **{stream.value: link.outbox.sent[stream] for stream in Stream},
+                "connections": link.connections,
                 **{name: f"{value:.4g}" for name, value in dict(link.values).items()},
                 "console": "\n".join(list(link.console)),
             }
@@ -262,7 +265,7 @@ class CflibBridge(ProgramNode):
     def _condition(self, link: Link) -> tuple[Level, str]:
         """Return how well a drone is, and its condition in a few words."""
         flags = int(link.values.get("supervisor.info", 0))
-        if link.stopped:
+        if link.outbox.stopped:
             return Level.ERROR, "emergency stop"
         if not link.connected:
             return Level.ERROR, link.condition

@@ -218,13 +218,13 @@ class ControllerNode(ProgramNode):
         self._poses.append((index, data))
 
     def _on_goal(self, index: int, message: PoseStamped) -> None:
-        self._refer(index, lambda: messages.setpoint_from_goal(message))
+        self._set_reference(index, lambda: messages.setpoint_from_goal(message))
 
     def _on_trajectory(self, index: int, message: MultiDOFJointTrajectory) -> None:
         now = self.get_clock().now().nanoseconds
-        self._refer(index, lambda: messages.trajectory_from_message(message, now, self._origin))
+        self._set_reference(index, lambda: messages.trajectory_from_message(message, now, self._origin))
 
-    def _refer(self, index: int, read: Callable[[], Trajectory]) -> None:
+    def _set_reference(self, index: int, read: Callable[[], Trajectory]) -> None:
         """Take a reference, or keep the old one and say why."""
         try:
             self._pilot.set_reference(index, read())
@@ -256,7 +256,7 @@ class ControllerNode(ProgramNode):
                     "vehicle profile? A new reference tries again"
                 )
             if after is not Mode.IDLE:
-                link.take()
+                link.reclaim()
             elif before in (Mode.REST, Mode.UNLOCK):
                 link.release(in_flight=False)
 
@@ -304,7 +304,7 @@ class ControllerNode(ProgramNode):
     def _look_for_services(self) -> None:
         offered = dict(self.get_service_names_and_types())
         for link in self._links:
-            link.look(offered)
+            link.find_services(offered)
 
     def _report(self, nanoseconds: int) -> list[Report]:
         """Return how every drone is; nothing before the first tick."""

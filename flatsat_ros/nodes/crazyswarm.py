@@ -35,13 +35,13 @@ class DroneLink:
     """What one robot's link can be asked for beside set-points: arming, and to give the drone to its own commander."""
 
     def __init__(self, node: Node, robot: str) -> None:
-        """Find nothing yet; `look` does."""
+        """Know no service yet: `find_services` looks for them."""
         self._node, self._robot = node, robot
         self._clients: dict[str, Client] = {}
-        self._strange: dict[str, list[str]] = {}  # types that are offered and not known or not installed here
+        self._unusable: dict[str, list[str]] = {}  # types that are offered and not known or not installed here
         self._released, self._pending = False, 0
 
-    def look(self, offered: dict[str, list[str]]) -> None:
+    def find_services(self, offered: dict[str, list[str]]) -> None:
         """Connect to the services that are offered by now, by full name with their types."""
         for suffix in (interfaces.ARM, interfaces.NOTIFY, interfaces.GO_TO):
             name, client = interfaces.drone_service_of(self._robot, suffix), self._clients.get(suffix)
@@ -49,7 +49,7 @@ class DroneLink:
                 continue
             types = offered.get(self._node.resolve_service_name(name), [])
             found = next((kind for kind in map(self._kind, types) if kind is not None), None)
-            self._strange[suffix] = types if found is None else []
+            self._unusable[suffix] = types if found is None else []
             if found is not None and (client is None or found is not client.srv_type):
                 self._clients[suffix] = self._node.create_client(found, name)
 
@@ -64,8 +64,8 @@ class DroneLink:
         """Ask the drone to arm or disarm; return a sentence about it: its link may have no such service."""
         client = self._ready(interfaces.ARM)
         if client is None:
-            strange = ", ".join(self._strange.get(interfaces.ARM, []))
-            why = f" of a type that is installed here, only {strange}" if strange else ""
+            unusable = ", ".join(self._unusable.get(interfaces.ARM, []))
+            why = f" of a type that is installed here, only {unusable}" if unusable else ""
             return f"{self._robot}: the drone itself was not asked: no service {self._robot}/{interfaces.ARM}{why}"
         client.call_async(messages.arming_request(_kind_of(client), wanted)).add_done_callback(self._report)
         return f"{client.service_name} asked to {'arm' if wanted else 'disarm'}"
@@ -111,7 +111,7 @@ class DroneLink:
         """Whether something is still to be said to the drone."""
         return self._pending > 0
 
-    def take(self) -> None:
+    def reclaim(self) -> None:
         """Note that set-points are sent again."""
         self._released = False
 

@@ -1,4 +1,4 @@
-"""The link without a radio: addresses, pacing, farewell."""
+"""The link without a radio: addresses, pacing, the set-points at the end."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.crazyflie.link import REST, ZERO_TIME, Address, Farewell, Lane, sendable
+from flatsat_ros.crazyflie.link import REST, ZERO_TIME, Address, PacketQueue, ShutdownSequence, sendable
 from flatsat_ros.crazyflie.wire import WireSetpoint, YawMode
 
 LIFETIME = 0.25
@@ -48,9 +48,9 @@ def test_different_drones_differ(one: str, other: str) -> None:
 
 def test_a_dongle_is_shared_and_a_udp_connection_is_not() -> None:
     uris = ["radio://0/80/2M/E7E7E7E701", "radio://0/90/1M", "radio://1/80", "udp://a:1", "udp://a:2"]
-    lanes = [Address.parse(uri).lane for uri in uris]
-    assert lanes[0] == lanes[1]
-    assert len(set(lanes)) == 4
+    transports = [Address.parse(uri).transport for uri in uris]
+    assert transports[0] == transports[1]
+    assert len(set(transports)) == 4
 
 
 @pytest.mark.parametrize(
@@ -82,17 +82,17 @@ arrivals = st.lists(st.tuples(st.integers(0, 3), st.floats(0.0, 0.05)), max_size
 
 
 def play(
-    lane: Lane[int, int], offers: list[tuple[int, float]], tick: float = 0.001
+    queue: PacketQueue[int, int], offers: list[tuple[int, float]], tick: float = 0.001
 ) -> list[tuple[float, int, int, float]]:
     """Offer packets (stream, time after the one before), numbered; return (time, stream, number, age) as they leave."""
     times = list(itertools.accumulate(delay for _, delay in offers))
     sent, number, now = [], 0, 0.0
-    while number < len(offers) or lane.wait(range(4), now) < math.inf:
+    while number < len(offers) or queue.wait(range(4), now) < math.inf:
         while number < len(offers) and times[number] <= now:
-            lane.offer(offers[number][0], number, now)
+            queue.offer(offers[number][0], number, now)
             number += 1
-        wait = lane.wait(range(4), now)
-        taken = lane.take(range(4), now)
+        wait = queue.wait(range(4), now)
+        taken = queue.take(range(4), now)
         assert (taken is None) == (wait > 0.0)
         if taken:
             sent.append((now, *taken, now - times[taken[1]]))
@@ -101,10 +101,10 @@ def play(
 
 
 @given(offers=arrivals)
-def test_a_lane_keeps_period_gap_and_age(offers: list[tuple[int, float]]) -> None:
+def test_a_queue_keeps_period_gap_and_age(offers: list[tuple[int, float]]) -> None:
     period, gap = 0.02, 0.004
-    lane: Lane[int, int] = Lane(4, period=period, gap=gap)
-    sent = play(lane, offers)
+    queue: PacketQueue[int, int] = PacketQueue(4, period=period, gap=gap)
+    sent = play(queue, offers)
     rounding = 1e-9
     times = [time for time, *_ in sent]
     assert all(b - a >= gap - rounding for a, b in itertools.pairwise(times))
@@ -117,57 +117,57 @@ def test_a_lane_keeps_period_gap_and_age(offers: list[tuple[int, float]]) -> Non
         assert all(b[0] - a[0] >= period - rounding for a, b in itertools.pairwise(packets))
         assert all(b[1] > a[1] for a, b in itertools.pairwise(packets)), "a newer packet is never followed by an older"
         assert packets[-1][1] == max(n for n, (s, _) in enumerate(offers) if s == stream), "the newest always arrives"
-    assert len(sent) + sum(lane.overtaken.values()) == len(offers)
+    assert len(sent) + sum(queue.overtaken.values()) == len(offers)
 
 
 def test_a_burst_for_several_drones_leaves_one_after_the_other_and_the_first_at_once() -> None:
-    lane: Lane[int, int] = Lane(4, period=0.01, gap=0.0025)
-    sent = play(lane, [(0, 0.0), (1, 0.0), (2, 0.0), (3, 0.0)], tick=0.0005)
+    queue: PacketQueue[int, int] = PacketQueue(4, period=0.01, gap=0.0025)
+    sent = play(queue, [(0, 0.0), (1, 0.0), (2, 0.0), (3, 0.0)], tick=0.0005)
     assert [(time, stream) for time, stream, *_ in sent] == [
         (pytest.approx(0.0025 * stream), stream) for stream in range(4)
     ]
 
 
 def test_a_packet_that_waited_too_long_is_thrown_away() -> None:
-    lane: Lane[int, str] = Lane(1, period=0.01, gap=0.0, lifetime=LIFETIME)
-    lane.offer(0, "old", 0.0)
-    assert lane.take([0], LIFETIME + 0.01) is None
-    assert lane.overtaken[0] == 1
-    assert lane.wait([0], LIFETIME + 0.01) == math.inf
+    queue: PacketQueue[int, str] = PacketQueue(1, period=0.01, gap=0.0, lifetime=LIFETIME)
+    queue.offer(0, "old", 0.0)
+    assert queue.take([0], LIFETIME + 0.01) is None
+    assert queue.overtaken[0] == 1
+    assert queue.wait([0], LIFETIME + 0.01) == math.inf
 
 
 def test_who_does_not_fetch_its_packet_blocks_nobody() -> None:
-    lane: Lane[int, str] = Lane(2, period=0.01, gap=0.005)
-    lane.offer(0, "of a blocked link", 0.0)
+    queue: PacketQueue[int, str] = PacketQueue(2, period=0.01, gap=0.005)
+    queue.offer(0, "of a blocked link", 0.0)
     for k in range(20):
-        lane.offer(1, "of a good link", 0.011 * k)
-        assert lane.take([1], 0.011 * k) == (1, "of a good link")
+        queue.offer(1, "of a good link", 0.011 * k)
+        assert queue.take([1], 0.011 * k) == (1, "of a good link")
 
 
 @pytest.mark.parametrize(
     ("period", "gap", "reason"),
     [(0.0, 0.0, "period"), (0.3, 0.0, "period"), (0.01, 0.006, "2 streams"), (0.01, -1.0, "gap")],
 )
-def test_a_lane_that_cannot_keep_its_promise_is_refused(period: float, gap: float, reason: str) -> None:
+def test_a_queue_that_cannot_keep_its_promise_is_refused(period: float, gap: float, reason: str) -> None:
     with pytest.raises(FlatsatError, match=reason):
-        Lane(2, period=period, gap=gap)
+        PacketQueue(2, period=period, gap=gap)
 
 
 def test_stopping_is_zero_thrust_for_more_than_two_seconds() -> None:
-    stop = Farewell(descent=0.0, thrust=0.0)
+    stop = ShutdownSequence(descent=0.0, thrust=0.0)
     assert ZERO_TIME > 2.0
     assert [stop.setpoint(t, 20.0) for t in (0.0, 2.0, ZERO_TIME - 0.01)] == [REST] * 3
     assert stop.setpoint(ZERO_TIME, 20.0) is None
 
 
 def test_landing_is_a_level_descent_and_then_zero_thrust() -> None:
-    land = Farewell(descent=3.0, thrust=36000.0)
+    land = ShutdownSequence(descent=3.0, thrust=36000.0)
     assert [land.setpoint(t, 20.0) for t in (0.0, 2.99)] == [REST._replace(thrust=36000.0)] * 2
     assert [land.setpoint(t, 20.0) for t in (3.0, 3.0 + ZERO_TIME - 0.01)] == [REST] * 2
     assert land.setpoint(3.0 + ZERO_TIME, 20.0) is None
 
 
 def test_a_descent_keeps_a_yaw_that_is_an_angle() -> None:
-    land = Farewell(3.0, 36000.0, yaw_mode=YawMode.ANGLE)
+    land = ShutdownSequence(3.0, 36000.0, yaw_mode=YawMode.ANGLE)
     assert land.setpoint(2.99, 20.0) == REST._replace(thrust=36000.0, yaw=20.0)
     assert land.setpoint(3.0, 20.0) == REST

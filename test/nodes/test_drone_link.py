@@ -113,7 +113,7 @@ def node(monkeypatch: pytest.MonkeyPatch) -> Node:
 
 def link(node: Node, offered: dict[str, list[str]] | None = None) -> DroneLink:
     made = DroneLink(node, "cf1")
-    made.look(OFFERED if offered is None else offered)
+    made.find_services(OFFERED if offered is None else offered)
     return made
 
 
@@ -187,6 +187,6 @@ def test_a_drone_taken_back_hears_nothing_more(node: Node, told: bool) -> None:
     if told:
         node.timers.pop()()
     before = len(node.asked)
-    flown.take()
+    flown.reclaim()
     node.let_pass()
     assert len(node.asked) == before

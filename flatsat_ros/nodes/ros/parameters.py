@@ -127,8 +127,8 @@ def declare_vehicles(node: Node, robots: Sequence[Robot]) -> list[VehicleProfile
     """
     kind = "packaged name or path of a YAML file"
     common = declare(node, "vehicle", "cf21", f"vehicle profile: {kind}")
-    _refuse_strangers(node, "robots", [robot.name for robot in robots])
-    _refuse_strangers(node, "robot_types", sorted({robot.kind for robot in robots if robot.kind}))
+    _refuse_unknown_names(node, "robots", [robot.name for robot in robots])
+    _refuse_unknown_names(node, "robot_types", sorted({robot.kind for robot in robots if robot.kind}))
     types = {
         name: declare(node, f"robot_types.{name}.vehicle", "", f"vehicle profile of type {name}; empty: the common one")
         for name in sorted({robot.kind for robot in robots if robot.kind})
@@ -140,7 +140,7 @@ def declare_vehicles(node: Node, robots: Sequence[Robot]) -> list[VehicleProfile
     return profiles
 
 
-def _refuse_strangers(node: Node, prefix: str, names: Sequence[str]) -> None:
+def _refuse_unknown_names(node: Node, prefix: str, names: Sequence[str]) -> None:
     """Refuse parameters given for a robot or type that is not there: ROS ignores them, and a drone would fly otherwise.
 
     Raises:
