@@ -1,67 +1,45 @@
-"""`ros2 run flatsat_ros reproduce`: every number of the paper beside ours, its figures from our own runs."""
+"""`ros2 run flatsat_ros reproduce`: every number and figure of arXiv 2308.15177, from our own runs."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.paper.table import Table
+from flatsat_ros.cli import shell
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Reproduce the paper; 0 when done, whatever the verdicts, 2 if it could not be."""
-    parser = argparse.ArgumentParser(
-        prog="reproduce",
-        description="Recompute the numbers of arXiv 2308.15177 and redraw its figures; takes a minute or two.",
-        epilog="What is wrong in the paper, and why: docs/errata.md.",
-        allow_abbrev=False,
+    """Reproduce the paper; 0 when done, whatever the verdicts, see `shell` for the others."""
+    return shell.run(_parser, _run, argv)
+
+
+def _parser() -> shell.Parser:
+    parser = shell.Parser(
+        "reproduce",
+        "Recompute the numbers of arXiv 2308.15177 and redraw its figures; takes a minute or two.",
+        "What is wrong in the paper, and why: docs/errata.md.",
     )
     parser.add_argument(
-        "--output", type=Path, default=Path("out/reproduce"), help="for table and figures (default: %(default)s)"
+        "--output", type=shell.path, default=Path("out/reproduce"), help="for table and figures (default: %(default)s)"
     )
-    folder = parser.parse_args(argv).output
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        written = _reproduce(folder)
-    except (FlatsatError, OSError) as error:
-        print(f"reproduce: {' '.join(str(error).split())}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("stopped", file=sys.stderr)
-        return 130
-    print("\nwrote " + ", ".join(os.fspath(path) for path in written))
-    return 0
+    return parser
 
 
-def _reproduce(folder: Path) -> list[Path]:
-    # solver and pictures take seconds to import: not for --help
-    from flatsat_ros.paper import claims as reproduce_claims
-    from flatsat_ros.paper import numbers as reproduce_numbers
-    from flatsat_ros.paper import pictures as reproduce_pictures
+def _run(arguments: argparse.Namespace) -> int:
+    from flatsat_ros.paper import pictures, reproduction
     from flatsat_ros.paper.runs import run_all
 
-    runs, table = run_all(folder), Table()
-    reproduce_numbers.controller_parameters(table, runs.simulation)
-    reproduce_claims.study_1(table, runs)
-    reproduce_numbers.robustness(table, runs.robust)
-    reproduce_claims.study_2(table, runs)
-    reproduce_claims.tracking(table, runs)
-    reproduce_numbers.experiment_parameters(table, runs.experiment)
-    reproduce_claims.test_1(table, runs)
-    reproduce_claims.test_2(table, runs)
+    folder: Path = arguments.output
+    shell.require_folder(folder, [*reproduction.FILES, *pictures.FILES])
+    runs = run_all(folder)
+    table = reproduction.compared(runs)
     print(table.text())
-    documents = {
-        folder / "table.md": table.markdown(),
-        folder / "table.json": json.dumps(table.document(), indent=2) + "\n",
-    }
-    for path, content in documents.items():
-        path.write_text(content, encoding="utf-8")
-    return [*documents, *reproduce_pictures.draw(runs, folder)]
+    written = [*reproduction.write(table, folder), *pictures.draw(runs, folder)]
+    print("\nwrote " + ", ".join(os.fspath(path) for path in written))
+    return 0
 
 
 if __name__ == "__main__":

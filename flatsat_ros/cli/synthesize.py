@@ -6,54 +6,29 @@ import argparse
 import math
 import sys
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING
 
-import numpy as np
+from flatsat_ros.cli import shell
 
-from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.constants import GRAVITY
-from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.certificate.sampled_loop import Timing
-from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
-from flatsat_ros.law.input_set import InputSet
-from flatsat_ros.synthesis.report import margins, table
+if TYPE_CHECKING:
+    from flatsat_ros.base.arrays import FloatArray
+    from flatsat_ros.certificate.certificate import Certificate
+    from flatsat_ros.certificate.sampled_loop import Timing
+    from flatsat_ros.crazyflie.vehicle import VehicleProfile
+    from flatsat_ros.law.input_set import InputSet
 
 # what is taken when the user does not say otherwise: the paper's experiment
 _TILT_MAX_DEG = 10.0
 _RATE = 1.25
 _PERIOD = 0.1
 
-
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> NoReturn:
-        """Report a bad command line like any other bad input: in one line."""
-        raise FlatsatError(f"{message}; see --help")
+_PICTURES = (".png", ".pdf", ".svg")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Args:
-        argv: arguments without the program's name; those of the process if None.
-
-    Returns:
-        0, or 2 after one line on stderr if the input cannot be used or a certificate does not hold.
-    """
-    try:
-        arguments = _parser().parse_args(argv)
-        if arguments.verify is not None:
-            _verify(arguments.verify)
-        elif arguments.paper is not None:
-            _write_paper(arguments)
-        else:
-            _write_own(arguments)
-    except (FlatsatError, OSError) as error:
-        print(f"synthesize: {' '.join(str(error).split())}", file=sys.stderr)
-        return 2
-    return 0
+    """Make certificates or check one; 0 when done, see `shell` for the others."""
+    return shell.run(_parser, _run, argv)
 
 
 def _numbers(text: str) -> list[float]:
@@ -61,12 +36,13 @@ def _numbers(text: str) -> list[float]:
     return [float(item) for item in text.split(",")]
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
-        prog="synthesize",
-        description="Compute a certificate: Lyapunov matrix, invariant sets and gain interval of one vehicle's loop.",
-        epilog="example: synthesize --vehicle cf21 --cover 1.2,1.2,0.8 --output cf21.yaml --plot cf21.png",
-        allow_abbrev=False,
+def _parser() -> shell.Parser:
+    from flatsat_ros.base.constants import GRAVITY
+
+    parser = shell.Parser(
+        "synthesize",
+        "Compute a certificate: Lyapunov matrix, invariant sets and gain interval of one vehicle's loop.",
+        "example: synthesize --vehicle cf21 --cover 1.2,1.2,0.8 --output cf21.yaml --plot cf21.png",
     )
     own = parser.add_argument_group("inputs")
     own.add_argument("--name", help="name of the certificate (default: the output file's)")
@@ -89,103 +65,44 @@ def _parser() -> argparse.ArgumentParser:
         "--kappa", type=float, metavar="K", help="with lag or delay: certify kappa-sets down to this (default: 1)"
     )
     goals.add_argument("--gain-max", type=float, metavar="G", help="a smaller cap: larger sets with lag or delay")
-    own.add_argument("--output", type=Path, metavar="FILE", help="certificate to write; without it nothing is written")
-    own.add_argument("--plot", type=Path, metavar="FILE", help="a page of pictures, PNG, PDF or SVG")
-    parser.add_argument("--verify", type=Path, metavar="FILE", help="only check this certificate and print its margins")
+    own.add_argument(
+        "--output", type=shell.path, metavar="FILE", help="certificate to write; without it nothing is written"
+    )
+    own.add_argument("--plot", type=shell.path, metavar="FILE", help="a page of pictures, PNG, PDF or SVG")
+    parser.add_argument(
+        "--verify", type=shell.path, metavar="FILE", help="only check this certificate and print its margins"
+    )
     paper = parser.add_argument_group("certificates of the paper")
     paper.add_argument("--paper", choices=("simulation", "experiment", "robust", "all"), help="compute these instead")
-    paper.add_argument("--output-dir", type=Path, metavar="DIR", help="folder to write them to (default: config)")
+    paper.add_argument("--output-dir", type=shell.path, metavar="DIR", help="folder to write them to (default: config)")
     parser.add_argument("--force", action="store_true", help="overwrite existing files")
     return parser
 
 
-def _write_own(arguments: argparse.Namespace) -> None:
-    if arguments.output_dir is not None:
-        raise FlatsatError("--output-dir goes with --paper; a certificate of your own is written to --output")
-    for target in (arguments.output, arguments.plot):
-        _require_writable(target, arguments.force)
-    vehicle = None
-    if arguments.vehicle is not None:
-        vehicle = load_vehicle(arguments.vehicle)
-    limits, inputs = _limits(arguments, vehicle)
-    name = arguments.name or (arguments.output.stem if arguments.output else "unnamed")
-    period = _PERIOD if arguments.period is None else arguments.period
-    if arguments.drift is not None or arguments.push is not None:
-        certificate = _robust(arguments, limits, inputs, period, name)
+def _run(arguments: argparse.Namespace) -> int:
+    if arguments.verify is not None:
+        shell.require_alone(arguments, "verify")
+        _verify(arguments.verify)
+    elif arguments.paper is not None:
+        shell.require_alone(arguments, "paper", "output_dir", "force")
+        _write_paper(arguments)
     else:
-        certificate = _nominal(arguments, vehicle, limits, inputs, period, name)
-    _finish(certificate, arguments, arguments.output)
+        _write_own(arguments)
+    return 0
 
 
-def _nominal(
-    arguments: argparse.Namespace,
-    vehicle: VehicleProfile | None,
-    limits: InputSet,
-    inputs: dict[str, str],
-    period: float,
-    name: str,
-) -> Certificate:
-    from flatsat_ros.synthesis.goals import rate_covering  # cvxpy takes a second to import
-    from flatsat_ros.synthesis.nominal import synthesize
+def _verify(path: Path) -> None:
+    """Check a certificate and print its margins."""
+    from flatsat_ros.certificate.certificate import Certificate
+    from flatsat_ros.synthesis.report import margins
 
-    lag, delay = arguments.lag, arguments.delay
-    if vehicle is not None:
-        lag, delay = vehicle.lag if lag is None else lag, vehicle.delay if delay is None else delay
-    timing = Timing(period, lag or 0.0, delay or 0.0)
-    lowest = 1.0 if arguments.kappa is None else arguments.kappa
-    if not 0.0 < lowest <= 1.0:
-        raise FlatsatError(f"--kappa {lowest}: must lie in (0, 1]")
-    highest = math.inf if arguments.gain_max is None else arguments.gain_max
-    if not highest >= 1.0:
-        raise FlatsatError(f"--gain-max {highest}: must be at least 1")
-    rate = arguments.rate
-    if arguments.cover is not None:
-        inputs["cover"] = ",".join(map(str, arguments.cover))
-        if rate is None:
-            rate = rate_covering(limits, arguments.cover, timing, lowest, highest)
-    return synthesize(
-        limits,
-        _RATE if rate is None else rate,
-        period,
-        name,
-        inputs,
-        lag=timing.lag,
-        delay=timing.delay,
-        lowest=lowest,
-        highest=highest,
-    )
-
-
-def _robust(
-    arguments: argparse.Namespace, limits: InputSet, inputs: dict[str, str], period: float, name: str
-) -> Certificate:
-    if arguments.lag or arguments.delay or arguments.kappa is not None or arguments.gain_max is not None:
-        raise FlatsatError("--drift, --push: certified for the plain hold; drop --lag, --delay, --kappa, --gain-max")
-    from flatsat_ros.synthesis.goals import robust_rate_covering
-    from flatsat_ros.synthesis.robust_design import synthesize_robust
-
-    drift, push = (_pair(option, getattr(arguments, option)) for option in ("drift", "push"))
-    rate = arguments.rate
-    if arguments.cover is not None:
-        inputs["cover"] = ",".join(map(str, arguments.cover))
-        if rate is None:
-            rate = robust_rate_covering(limits, arguments.cover, period, drift, push)
-    return synthesize_robust(limits, drift, push, period, name, inputs, rate)
-
-
-def _pair(option: str, values: list[float] | None) -> FloatArray:
-    """Return (x and y, z) from one or two numbers."""
-    values = values or [0.0]
-    if len(values) > 2:
-        raise FlatsatError(f"--{option} {','.join(map(str, values))}: must be one number, or two as H,V")
-    return np.array([values[0], values[-1]])
+    certificate = Certificate.load(path)
+    print(f"certificate {certificate.name} in {path} holds")
+    print("\n".join(margins(certificate)))
 
 
 def _write_paper(arguments: argparse.Namespace) -> None:
-    others = set(vars(arguments)) - {"paper", "output_dir", "force", "verify"}
-    given = [f"--{name.replace('_', '-')}" for name in sorted(others) if getattr(arguments, name) is not None]
-    if given:
-        raise FlatsatError(f"{', '.join(given)}: the paper's certificates take no inputs; drop it or --paper")
+    from functools import partial
 
     from flatsat_ros.synthesis.nominal import PAPER, synthesize_paper
     from flatsat_ros.synthesis.robust_design import synthesize_paper_robust
@@ -196,18 +113,89 @@ def _write_paper(arguments: argparse.Namespace) -> None:
     for target in targets.values():
         _require_writable(target, arguments.force)
     for name, target in targets.items():
-        _finish(makers[name](), arguments, target)
+        _finish(makers[name](), target, None, None)
 
 
-def _verify(path: Path) -> None:
-    """Check a certificate and print its margins."""
-    certificate = Certificate.load(path)
-    print(f"certificate {certificate.name} in {path} holds")
-    print("\n".join(margins(certificate)))
+def _write_own(arguments: argparse.Namespace) -> None:
+    from flatsat_ros.base.errors import FlatsatError
+    from flatsat_ros.crazyflie.vehicle import load_vehicle
+    from flatsat_ros.synthesis.wishes import Wishes
+
+    output, plot = arguments.output, arguments.plot
+    if arguments.output_dir is not None:
+        raise FlatsatError("--output-dir goes with --paper; a certificate of your own is written to --output")
+    if arguments.force and output is None and plot is None:
+        raise FlatsatError("--force overwrites files; without --output and --plot none is written")
+    for target in (output, plot):
+        if target is not None:
+            _require_writable(target, arguments.force)
+    if plot is not None and plot.suffix not in _PICTURES:
+        raise FlatsatError(f"--plot {plot}: must end in {', '.join(_PICTURES)}")
+    vehicle = None if arguments.vehicle is None else load_vehicle(arguments.vehicle)
+    limits, inputs = _limits(arguments, vehicle)
+    lowest = 1.0 if arguments.kappa is None else arguments.kappa
+    if not 0.0 < lowest <= 1.0:
+        raise FlatsatError(f"--kappa {lowest}: must lie in (0, 1]")
+    highest = math.inf if arguments.gain_max is None else arguments.gain_max
+    if not highest >= 1.0:
+        raise FlatsatError(f"--gain-max {highest}: must be at least 1")
+    drift, push = (_pair(option, getattr(arguments, option)) for option in ("drift", "push"))
+    timing = _timing(arguments, vehicle)
+    if arguments.cover is not None:
+        inputs["cover"] = ",".join(map(str, arguments.cover))
+    rate = arguments.rate
+    if rate is None and arguments.cover is None and drift is None and push is None:
+        rate = _RATE
+    wishes = Wishes(limits, timing, rate, arguments.cover, drift, push, lowest, highest)
+    name = arguments.name or (output.stem if output else "unnamed")
+    _finish(wishes.certificate(name, inputs), output, plot, arguments.cover)
+
+
+def _timing(arguments: argparse.Namespace, vehicle: VehicleProfile | None) -> Timing:
+    """Return period, lag and delay that are asked for, and refuse what another option makes them ignore."""
+    from flatsat_ros.base.errors import FlatsatError
+    from flatsat_ros.certificate.sampled_loop import Timing
+
+    lag, delay = arguments.lag, arguments.delay
+    if vehicle is not None:
+        lag, delay = vehicle.lag if lag is None else lag, vehicle.delay if delay is None else delay
+    timing = Timing(_PERIOD if arguments.period is None else arguments.period, lag or 0.0, delay or 0.0)
+    if arguments.drift is not None or arguments.push is not None:
+        if arguments.kappa is not None or arguments.gain_max is not None or arguments.lag or arguments.delay:
+            raise FlatsatError(
+                "--drift, --push: certified for the plain hold; drop --lag, --delay, --kappa, --gain-max"
+            )
+        if not timing.immediate:
+            raise FlatsatError(
+                f"--drift, --push: certified for the plain hold; {arguments.vehicle} has a lag of {timing.lag:.6g} s "
+                f"and a delay of {timing.delay:.6g} s: give --lag 0 --delay 0 to leave them out"
+            )
+    elif timing.immediate and arguments.kappa is not None:
+        raise FlatsatError(
+            "--kappa goes with --lag, --delay or --vehicle; without lag and delay all kappa-sets are certified"
+        )
+    return timing
+
+
+def _pair(option: str, values: list[float] | None) -> FloatArray | None:
+    """Return (x and y, z) from one or two numbers."""
+    import numpy as np
+
+    from flatsat_ros.base.errors import FlatsatError
+
+    if values is None:
+        return None
+    if len(values) > 2:
+        raise FlatsatError(f"--{option} {','.join(map(str, values))}: must be one number, or two as H,V")
+    return np.array([values[0], values[-1]])
 
 
 def _limits(arguments: argparse.Namespace, vehicle: VehicleProfile | None) -> tuple[InputSet, dict[str, str]]:
     """Return the input set that the arguments ask for, and how they ask for it."""
+    from flatsat_ros.base.constants import GRAVITY
+    from flatsat_ros.base.errors import FlatsatError
+    from flatsat_ros.law.input_set import InputSet
+
     inputs = {} if vehicle is None else {"vehicle": vehicle.name}
     if arguments.thrust_max_g is not None:
         thrust, inputs["thrust_max"] = arguments.thrust_max_g * GRAVITY, f"{arguments.thrust_max_g} g"
@@ -228,40 +216,30 @@ def _limits(arguments: argparse.Namespace, vehicle: VehicleProfile | None) -> tu
     return limits, inputs
 
 
-def _require_writable(target: Path | None, force: bool) -> None:
-    """Refuse, before anything is computed, a target that exists or whose folder does not."""
-    if target is None:
-        return
-    if not target.parent.is_dir():
-        raise FlatsatError(f"{target}: the folder {target.parent} does not exist")
+def _require_writable(target: Path, force: bool) -> None:
+    """Refuse, before anything is computed, a target that exists or cannot be written."""
+    from flatsat_ros.base.errors import FlatsatError
+
+    shell.require_writable(target)
     if target.exists() and not force:
         raise FlatsatError(f"{target} exists: give --force to overwrite it")
 
 
-def _finish(certificate: Certificate, arguments: argparse.Namespace, target: Path | None) -> None:
+def _finish(certificate: Certificate, output: Path | None, plot: Path | None, cover: Sequence[float] | None) -> None:
     """Write the certificate and its pictures, and print it."""
-    start = None
-    if arguments.cover is not None:
-        from flatsat_ros.synthesis.goals import corners
+    from flatsat_ros.synthesis.goals import corners
+    from flatsat_ros.synthesis.report import table
 
-        start = corners(arguments.cover)
-        if not certificate.sets.classify(start).guaranteed.all():
-            kappa = float(certificate.sets.kappa(start).min())
-            raise FlatsatError(
-                f"these start errors need kappa = {kappa:.4g}, certified is {certificate.gain_min:.4g} and more"
-                + (", or the disturbance lifts them out of D" if certificate.robust else "")
-                + ": without --rate the largest rate that covers them is chosen"
-            )
-    lines = table(certificate, start)
-    if target is not None:
-        certificate.save(target)
+    lines = table(certificate, None if cover is None else corners(cover))
+    if output is not None:
+        certificate.save(output)
     print(lines)
-    print(f"  written to {target}" if target is not None else "  not written: give --output FILE")
-    if arguments.plot is not None:
+    print(f"  written to {output}" if output is not None else "  not written: give --output FILE")
+    if plot is not None:
         from flatsat_ros.synthesis.pictures import draw
 
-        draw(certificate, arguments.plot)
-        print(f"  pictures in {arguments.plot}")
+        draw(certificate, plot)
+        print(f"  pictures in {plot}")
     print()
 
 

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 
 # everything of the demo lives below this name, so that it never speaks to a drone of the user's
 NAMESPACE = "/demo"
+BAG = "bag"  # in the folder of the results
 _DISCOVERY = 30.0  # s, until all nodes must have found each other
 _LISTENING = 1.0  # s, in which another demo would be noticed
 _LEAD = 0.5  # s, from sending the trajectories to their start
@@ -50,6 +52,19 @@ _LATE = 20.0  # s, that a stalled machine may be late with the climb
 _ANSWER = 10.0  # s, that the answer of a service may take
 _READY = 10.0  # s, after which a drone that still may not take off fails the flight
 _AGAIN = 0.5  # s, after which a take-off is asked for again; modes are known by then
+
+
+def require_ros() -> None:
+    """Refuse to fly where ROS is not to be had.
+
+    Raises:
+        FlatsatError: a library is missing, most often for no ROS is sourced.
+    """
+    try:
+        import_module("flatsat_ros.nodes.conductor")
+    except ImportError as error:
+        reason = " ".join(str(error).split())
+        raise FlatsatError(f"flying live needs ROS 2 ({reason}): source its setup, or give --headless") from error
 
 
 def fly(scenario: Scenario, folder: Path) -> FlightRecord:
@@ -68,7 +83,7 @@ def fly(scenario: Scenario, folder: Path) -> FlightRecord:
         _listen_for_others(conductor)
         with _nodes(_commands(scenario), folder / "log") as nodes:
             begin = _conduct(scenario, conductor, nodes)
-        write_bag(folder / "bag", conductor.recorded)
+        write_bag(folder / BAG, conductor.recorded)
         start = conductor.seconds(begin)
         robots = {
             name: RobotRecord(

@@ -5,10 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -16,28 +13,27 @@ from matplotlib.figure import Figure
 from flatsat_ros.demo.record import FlightRecord
 from flatsat_ros.flight.supervisor import Mode
 
+FILES = ("paths.png", "gain.png", "inputs.png")
+
 _LIMIT: dict[str, Any] = {"color": "0.3", "linestyle": "--", "linewidth": 1.0}
 _REFERENCE: dict[str, Any] = {"linestyle": ":", "linewidth": 1.6}
 
 
 def draw(record: FlightRecord, folder: Path) -> list[Path]:
-    """Write paths.png, gain.png and inputs.png; return their paths."""
-    written = []
-    for name, figure in (("paths", _paths(record)), ("gain", _gain(record)), ("inputs", _inputs(record))):
-        written.append(folder / f"{name}.png")
-        figure.savefig(written[-1], dpi=130)
-        plt.close(figure)
+    """Write `FILES` into a folder; return their paths."""
+    written = [folder / name for name in FILES]
+    for path, figure in zip(written, (_paths(record), _gain(record), _inputs(record)), strict=True):
+        figure.savefig(path, dpi=130)
     return written
 
 
 def _colours(record: FlightRecord) -> dict[str, object]:
-    return {name: plt.get_cmap("tab10")(i % 10) for i, name in enumerate(record.robots)}
+    return {name: mpl.colormaps["tab10"](i % 10) for i, name in enumerate(record.robots)}
 
 
 def _paths(record: FlightRecord) -> Figure:
-    figure, grid = plt.subplot_mosaic(
-        [["top", "x"], ["top", "y"], ["top", "z"]], figsize=(11, 5.2), layout="constrained", width_ratios=(1, 1.15)
-    )
+    figure = Figure(figsize=(11, 5.2), layout="constrained")
+    grid = figure.subplot_mosaic([["top", "x"], ["top", "y"], ["top", "z"]], width_ratios=(1, 1.15))
     begin, end = record.swap
     times = np.linspace(begin, end, 400)
     for name, colour in _colours(record).items():
@@ -61,7 +57,8 @@ def _paths(record: FlightRecord) -> Figure:
 
 def _gain(record: FlightRecord) -> Figure:
     """Draw up to the end of the swap: on the floor V only says how far the landing reference has gone on sinking."""
-    figure, (gain, lyapunov) = plt.subplots(2, 1, figsize=(8, 5.2), sharex=True, layout="constrained")
+    figure = Figure(figsize=(8, 5.2), layout="constrained")
+    gain, lyapunov = figure.subplots(2, 1, sharex=True)
     for name, colour in _colours(record).items():
         robot = record.robots[name]
         flying = (robot.column("mode") == Mode.FLY) & (robot.ticks[:, 0] <= record.swap[1])
@@ -82,7 +79,8 @@ def _gain(record: FlightRecord) -> Figure:
 
 
 def _inputs(record: FlightRecord) -> Figure:
-    figure, rows = plt.subplots(3, 1, figsize=(8, 6.4), sharex=True, layout="constrained")
+    figure = Figure(figsize=(8, 6.4), layout="constrained")
+    rows = figure.subplots(3, 1, sharex=True)
     tilt = np.degrees(record.limits.tilt_max)
     limits = ((record.limits.thrust_min, record.limits.thrust_max), (-tilt, tilt), (-tilt, tilt))
     labels = (r"thrust $T$ [m/s$^2$]", r"roll $\phi$ [deg]", r"pitch $\theta$ [deg]")

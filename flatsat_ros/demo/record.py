@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,7 @@ from flatsat_ros.law.input_set import InputSet
 PAPER_RMS = (0.0703, 0.0826, 0.0602)
 RMS_LIMIT = 0.10  # m, what the demo promises
 _FLOOR = 0.05  # m, around z = 0, where a drone that landed stands
+SUMMARY = "summary.json"
 # degrees and PWM on the wire cost a few units in the last place
 _ROUNDING = 1e-9
 
@@ -123,6 +126,13 @@ class FlightRecord:
         return float(
             min(np.linalg.norm(paths[i] - paths[j], axis=1).min() for i in range(len(paths)) for j in range(i))
         )
+
+
+def write(summary: Mapping[str, Any], folder: Path) -> Path:
+    """Write the figures to `SUMMARY` in a folder; return its path."""
+    target = folder / SUMMARY
+    target.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    return target
 
 
 def failures(summary: Mapping[str, Any]) -> list[str]:

@@ -36,6 +36,9 @@ CAMPAIGNS = {
     "tracking": "continuous time, moving references",
 }
 
+# those with disturbances
+DISTURBED = frozenset({"robust", "storm"})
+
 Pool = Mapping[str, Sequence[Certificate]]
 
 # Steps of the integration in the fastest time constant, 1/(gamma P22).
@@ -77,7 +80,7 @@ def run(
     random = np.random.default_rng([list(CAMPAIGNS).index(campaign), seed])
     if campaign == "lag":
         proven = adversary.with_limits(pool["lag"][int(random.integers(len(pool["lag"])))], adversary.limits(random))
-    elif campaign in ("robust", "storm"):
+    elif campaign in DISTURBED:
         proven = pool["robust"][int(random.integers(len(pool["robust"])))]
     else:
         proven = adversary.certificate(random)

@@ -5,10 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -106,7 +102,8 @@ def _disturbed(certificate: Certificate) -> tuple[FloatArray, FloatArray]:
 
 def draw_gain_laws(runs: GainRuns) -> Figure:
     """Draw gains and tilts over four set-points, and gains under the drift."""
-    figure, (gain, tilt, disturbed) = plt.subplots(3, 1, figsize=(9, 8), layout="constrained")
+    figure = Figure(figsize=(9, 8), layout="constrained")
+    gain, tilt, disturbed = figure.subplots(3, 1)
     for i, name in enumerate(LAWS):
         gain.plot(runs.time, runs.gain[:, i], label=name)
         tilt.plot(runs.time, np.degrees(runs.tilt[:, i]), linewidth=0.9)

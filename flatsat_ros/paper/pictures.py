@@ -6,10 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -21,6 +18,13 @@ from flatsat_ros.paper.gain_laws import draw_gain_laws
 from flatsat_ros.paper.runs import ADAPTATION_RATES, GAMMA_0, TEST_1_TIMING, V_INF, Runs
 from flatsat_ros.paper.studies import History
 
+_OWN = (
+    "study1_gain.png", "study1_inputs.png", "study2_plane.png", "study2_inputs.png", "test1_errors.png",
+    "test1_gain.png", "test1_inputs.png", "gain_laws.png", "computation_time.png",
+)  # fmt: skip
+_SWAP = "test2"  # the folder of the flight's own
+FILES = (*_OWN, *(f"{_SWAP}/{name}" for name in demo_pictures.FILES))
+
 _LIMIT: dict[str, Any] = {"color": "0.3", "linestyle": "--", "linewidth": 1.0}
 _INPUTS = (r"$T$ [m/s$^2$]", r"$\phi$ [deg]", r"$\theta$ [deg]")
 _ACCELERATIONS = (r"$v_1$ [m/s$^2$]", r"$v_2$ [m/s$^2$]", r"$v_3$ [m/s$^2$]")
@@ -28,29 +32,25 @@ _TEST_1_SHOWN = 12.0  # s
 
 
 def draw(runs: Runs, folder: Path) -> list[Path]:
-    """Write every figure as PNG and return their paths."""
+    """Write `FILES` into a folder; return their paths."""
     study_labels, test_labels = ([rf"$\mu$ = {mu:g}" for mu in ADAPTATION_RATES[first:]] for first in (0, 1))
     robust_labels = [rf"$\gamma$ = {gain:g}" for gain in runs.study_2]
     one_start = [_only(history, 2) for history in runs.study_2.values()]
-    figures = {
-        "study1_gain": _study_1_gain(runs, study_labels),
-        "study1_inputs": _inputs([runs.study_1], study_labels, runs.simulation.limits, "study 1: input u and v"),
-        "study2_plane": _study_2_plane(runs),
-        "study2_inputs": _inputs(one_start, robust_labels, runs.robust.limits, "study 2: input u and v from one start"),
-        "test1_errors": _test_1_errors(runs, test_labels),
-        "test1_gain": _test_1_gain(runs, test_labels),
-        "test1_inputs": _inputs([runs.test_1], test_labels, runs.experiment.limits, "test 1: input u and v", held=True),
-        "gain_laws": draw_gain_laws(runs.gain_laws),
-        "computation_time": _computation_time(runs),
-    }
-    written = []
-    for name, figure in figures.items():
-        written.append(folder / f"{name}.png")
-        figure.savefig(written[-1], dpi=130)
-        plt.close(figure)
-    swap = folder / "test2"
-    swap.mkdir(exist_ok=True)
-    return [*written, *demo_pictures.draw(runs.flight, swap)]
+    figures = (
+        _study_1_gain(runs, study_labels),
+        _inputs([runs.study_1], study_labels, runs.simulation.limits, "study 1: input u and v"),
+        _study_2_plane(runs),
+        _inputs(one_start, robust_labels, runs.robust.limits, "study 2: input u and v from one start"),
+        _test_1_errors(runs, test_labels),
+        _test_1_gain(runs, test_labels),
+        _inputs([runs.test_1], test_labels, runs.experiment.limits, "test 1: input u and v", held=True),
+        draw_gain_laws(runs.gain_laws),
+        _computation_time(runs),
+    )
+    for name, figure in zip(_OWN, figures, strict=True):
+        figure.savefig(folder / name, dpi=130)
+    demo_pictures.draw(runs.flight, folder / _SWAP)
+    return [folder / name for name in FILES]
 
 
 def _only(history: History, index: int) -> History:
@@ -60,7 +60,7 @@ def _only(history: History, index: int) -> History:
 
 
 def _colours(labels: Sequence[str]) -> list[object]:
-    return [plt.get_cmap("viridis")(0.92 * i / max(len(labels) - 1, 1)) for i in range(len(labels))]
+    return [mpl.colormaps["viridis"](0.92 * i / max(len(labels) - 1, 1)) for i in range(len(labels))]
 
 
 def _finish(axes: Axes, label: str, last: bool = False) -> None:
@@ -76,7 +76,8 @@ def _threshold(axes: Axes, level: float, name: str) -> None:
 
 
 def _study_1_gain(runs: Runs, labels: list[str]) -> Figure:
-    figure, (lyapunov, gain) = plt.subplots(2, 1, figsize=(8, 6.4), sharex=True, layout="constrained")
+    figure = Figure(figsize=(8, 6.4), layout="constrained")
+    lyapunov, gain = figure.subplots(2, 1, sharex=True)
     history, rate = runs.study_1, runs.simulation.rate
     start = float(history.lyapunov[0, 0])
     for i, (label, colour) in enumerate(zip(labels, _colours(labels), strict=True)):
@@ -98,7 +99,8 @@ def _inputs(
 ) -> Figure:
     """Draw u and v of all loops of all histories; held in between if sampled."""
     style = {"linewidth": 1.0, "drawstyle": "steps-post" if held else "default"}
-    figure, grid = plt.subplots(3, 2, figsize=(11, 6.6), sharex=True, layout="constrained")
+    figure = Figure(figsize=(11, 6.6), layout="constrained")
+    grid = figure.subplots(3, 2, sharex=True)
     tilt = np.degrees(limits.tilt_max)
     bounds = ((limits.thrust_min, limits.thrust_max), (-tilt, tilt), (-tilt, tilt))
     curves = [(h, i) for h in histories for i in range(h.gain.shape[1])]
@@ -122,7 +124,8 @@ def _inputs(
 
 
 def _study_2_plane(runs: Runs) -> Figure:
-    figure, columns = plt.subplots(1, 2, figsize=(11, 5), sharex=True, sharey=True, layout="constrained")
+    figure = Figure(figsize=(11, 5), layout="constrained")
+    columns = figure.subplots(1, 2, sharex=True, sharey=True)
     circle = np.linspace(0.0, 2.0 * np.pi, 400)
     block = runs.robust.block
     edge = np.linalg.solve(np.linalg.cholesky(block).T, [np.cos(circle), np.sin(circle)])
@@ -142,7 +145,8 @@ def _study_2_plane(runs: Runs) -> Figure:
 
 
 def _test_1_errors(runs: Runs, labels: list[str]) -> Figure:
-    figure, rows = plt.subplots(3, 1, figsize=(8, 6.6), sharex=True, layout="constrained")
+    figure = Figure(figsize=(8, 6.6), layout="constrained")
+    rows = figure.subplots(3, 1, sharex=True)
     history = runs.test_1
     shown = history.time <= _TEST_1_SHOWN
     for row, (axes, name) in enumerate(zip(rows, "xyz", strict=True)):
@@ -155,7 +159,8 @@ def _test_1_errors(runs: Runs, labels: list[str]) -> Figure:
 
 
 def _test_1_gain(runs: Runs, labels: list[str]) -> Figure:
-    figure, grid = plt.subplots(2, 2, figsize=(11, 6.2), sharex=True, sharey="row", layout="constrained")
+    figure = Figure(figsize=(11, 6.2), layout="constrained")
+    grid = figure.subplots(2, 2, sharex=True, sharey="row")
     for column, history in enumerate((runs.test_1, runs.test_1_capped)):
         lyapunov, gain = grid[:, column]
         for i, (label, colour) in enumerate(zip(labels, _colours(labels), strict=True)):
@@ -177,7 +182,8 @@ def _loop() -> str:
 
 
 def _computation_time(runs: Runs) -> Figure:
-    figure, axes = plt.subplots(figsize=(8, 3.6), layout="constrained")
+    figure = Figure(figsize=(8, 3.6), layout="constrained")
+    axes = figure.subplots()
     upper = 1e3 * max(float(np.quantile(steps, 0.995)) for steps in runs.steps.values())
     for count, steps in runs.steps.items():
         mean = 1e3 * float(steps.mean())

@@ -57,4 +57,4 @@ def test_the_time_is_bounded(capsys: pytest.CaptureFixture[str]) -> None:
 )
 def test_what_cannot_be_used_is_refused_in_one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(arguments) == 2
-    assert re.fullmatch(r"falsify: .* must be .*\n", capsys.readouterr().err)
+    assert re.fullmatch(r"error: .* must be .*\n", capsys.readouterr().err)

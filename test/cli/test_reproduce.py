@@ -81,7 +81,7 @@ def test_the_command_writes_the_table_and_every_figure(
 def test_a_folder_that_cannot_be_made_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "taken").touch()
     assert reproduce.main(["--output", str(tmp_path / "taken")]) == 2
-    assert capsys.readouterr().err.startswith("reproduce: ")
+    assert capsys.readouterr().err.startswith("error: ")
 
 
 @given(value=st.floats(-1e3, 1e3), decimals=st.integers(1, 6))

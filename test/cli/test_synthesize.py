@@ -203,7 +203,7 @@ def test_whatever_cannot_be_used_is_refused_in_one_line(
     assert main(arguments) == 2
     out, err = capsys.readouterr()
     assert out == ""
-    assert err.startswith("synthesize: ")
+    assert err.startswith("error: ")
     assert err.count("\n") == 1
     assert text in err
     assert [file.name for file in tmp_path.iterdir()] == ["taken.yaml"]

@@ -1,0 +1,193 @@
+"""The manners of every command line here: how it reads its arguments, refuses, reports failure and is stopped.
+
+Exit codes: what the program itself returns, 0 or 1; 2 after one line on stderr, `error: ...`, for input that is
+refused and for files, folders and libraries that are not to be had; 130 when stopped by Ctrl-C, 143 by SIGTERM and 129
+by SIGHUP, without a traceback.
+
+Nothing heavy is imported here: Ctrl-C is heard before numpy has come in.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, NoReturn
+
+if TYPE_CHECKING:
+    from _typeshed import SupportsWrite
+
+REFUSED = 2
+
+
+class _CommandLineError(Exception):
+    """A command line that cannot be used; the text says why."""
+
+
+class _Stopped(KeyboardInterrupt):
+    """A signal asked the program to end. Python ends itself with SIGINT for a bare KeyboardInterrupt out of exec."""
+
+
+class Parser(argparse.ArgumentParser):
+    """Arguments whose options cannot be abbreviated and whose refusals are one line."""
+
+    def __init__(self, program: str, description: str | None, epilog: str | None = None) -> None:
+        super().__init__(prog=program, description=description, epilog=epilog, allow_abbrev=False)
+
+    def error(self, message: str) -> NoReturn:
+        """Refuse the command line."""
+        raise _CommandLineError(f"{message}; see --help")
+
+    def print_help(self, file: SupportsWrite[str] | None = None) -> None:
+        """Print the help; argparse itself would not tell that it could not be written."""
+        print(self.format_help(), end="", file=file)
+
+
+def run(parser: Callable[[], Parser], work: Callable[[argparse.Namespace], int], argv: Sequence[str] | None) -> int:
+    """Read the command line, do the work and return the exit code of the process.
+
+    Args:
+        parser: makes the parser of the arguments.
+        work: does what was asked for, given the arguments, and returns 0 or 1.
+        argv: arguments without the program's name; those of the process if None.
+    """
+    os.environ["MPLBACKEND"] = (
+        "Agg"  # figures go to files; matplotlib fails to import with a name that it does not know
+    )
+    stopped: list[int] = []
+    try:
+        with _stoppable(stopped):
+            try:
+                code = work(parser().parse_args(argv))
+            except SystemExit as leaving:  # --help
+                code = int(leaving.code or 0)
+            if sys.stdout is not None:
+                sys.stdout.flush()
+            return code
+    except (Exception, KeyboardInterrupt) as error:
+        # an import that a signal ends may fail with an error of its own
+        if stopped or isinstance(error, KeyboardInterrupt):
+            _say("stopped")
+            return 128 + (stopped or [signal.SIGINT])[0]
+        if not _is_refusal(error):
+            raise
+        _say(f"error: {_reason(error)}")
+        return REFUSED
+
+
+def _is_refusal(error: Exception) -> bool:
+    """Tell what the user can do something about from what is a defect of ours."""
+    from flatsat_ros.base.errors import FlatsatError
+
+    return isinstance(error, (FlatsatError, OSError, ImportError, _CommandLineError))
+
+
+def _reason(error: Exception) -> str:
+    """Return what went wrong, in one line."""
+    if isinstance(error, OSError) and error.filename is not None and error.strerror is not None:
+        return f"{error.filename}: {error.strerror}"
+    return " ".join(str(error).split())
+
+
+def _say(text: str) -> None:
+    """Print a line on stderr; give up what stdout did not take, which Python would complain about at the end."""
+    with suppress(OSError):
+        print(text, file=sys.stderr)
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError:
+        with Path(os.devnull).open("w", encoding="utf-8") as nowhere:
+            os.dup2(nowhere.fileno(), sys.stdout.fileno())
+
+
+@contextmanager
+def _stoppable(stopped: list[int]) -> Iterator[None]:
+    """Let SIGINT, SIGTERM and SIGHUP, but for those that are ignored, as by nohup, raise _Stopped.
+
+    Args:
+        stopped: gets the numbers of the signals that come.
+    """
+    from flatsat_ros.base.interrupts import STOPPING
+
+    def stop(number: int, _frame: FrameType | None) -> None:
+        stopped.append(number)
+        raise _Stopped
+
+    before = {number: signal.getsignal(number) for number in STOPPING}
+    heard = {number: handler for number, handler in before.items() if handler is not signal.SIG_IGN}
+    for number in heard:
+        signal.signal(number, stop)
+    try:
+        yield
+    finally:
+        for number, handler in heard.items():
+            signal.signal(number, handler)
+
+
+def path(text: str) -> Path:
+    """Return the path that an argument names; `~` is the home folder, `~name` that of a user.
+
+    Raises:
+        argparse.ArgumentTypeError: there is no such user.
+    """
+    try:
+        return Path(text).expanduser()
+    except RuntimeError as error:
+        raise argparse.ArgumentTypeError(f"{text}: there is no user with this home folder") from error
+
+
+def require_alone(arguments: argparse.Namespace, option: str, *beside: str) -> None:
+    """Refuse, beside an option, all others that it would ignore.
+
+    Args:
+        arguments: what the command line gave; None or False for what it did not.
+        option: its name without dashes, as an attribute of the arguments.
+        beside: names of the options that may stand beside it.
+
+    Raises:
+        FlatsatError: there are others; the text names them.
+    """
+    from flatsat_ros.base.errors import FlatsatError
+
+    ignored = [
+        f"--{name.replace('_', '-')}"
+        for name, value in sorted(vars(arguments).items())
+        if name not in (option, *beside) and value is not None and value is not False
+    ]
+    if ignored:
+        raise FlatsatError(f"{', '.join(ignored)}: not used with --{option.replace('_', '-')}; drop one or the other")
+
+
+def require_folder(folder: Path, names: Iterable[str]) -> None:
+    """Make a folder, with those of the files' names, and refuse it if one of the files cannot be written.
+
+    Raises:
+        FlatsatError: a file cannot be written.
+        OSError: the folder cannot be made.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        (folder / name).parent.mkdir(exist_ok=True)
+        require_writable(folder / name)
+
+
+def require_writable(file: Path) -> None:
+    """Refuse a file that cannot be written; nothing is written yet.
+
+    Raises:
+        FlatsatError: its folder is not there, it is no file, or it must not be written.
+    """
+    from flatsat_ros.base.errors import FlatsatError
+
+    if not file.parent.is_dir():
+        raise FlatsatError(f"{file}: the folder {file.parent} does not exist")
+    if file.is_dir():
+        raise FlatsatError(f"{file}: is a folder, must be a file")
+    if not os.access(file if file.exists() else file.parent, os.W_OK):
+        raise FlatsatError(f"{file}: cannot be written")

@@ -1,0 +1,363 @@
+"""The manners that all command lines share: arguments, refusals in one line, exit codes, and how they are stopped."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.interrupts import STOPPING, signals_held
+from flatsat_ros.cli import demo, falsify, reproduce, shell, synthesize
+
+PROGRAMS = {"demo": demo.main, "falsify": falsify.main, "reproduce": reproduce.main, "synthesize": synthesize.main}
+CERTIFY = ["synthesize", "--thrust-max", "14"]
+HEADLESS = ["demo", "--headless", "--robots", "1", "--seconds", "4"]
+
+
+def run(work: Callable[[argparse.Namespace], int], *argv: str) -> int:
+    """Run a program of the tests' own, whose options are --here and --there."""
+
+    def parser() -> shell.Parser:
+        made = shell.Parser("own", "A program of the tests' own.")
+        made.add_argument("--here", type=shell.path)
+        made.add_argument("--there", action="store_true")
+        return made
+
+    return shell.run(parser, work, argv)
+
+
+def raising(error: BaseException) -> Callable[[argparse.Namespace], int]:
+    """Work that fails."""
+
+    def work(_: argparse.Namespace) -> int:
+        raise error
+
+    return work
+
+
+def refusal(capsys: pytest.CaptureFixture[str]) -> str:
+    """The one line on stderr, without its beginning; nothing is on stdout."""
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("error: ")
+    assert err.endswith("\n")
+    assert err.count("\n") == 1
+    return err[len("error: ") :]
+
+
+def start(program: str, *arguments: str, before: str = "pass", **options: object) -> subprocess.Popen[str]:
+    """Start a program as a process group of its own, after a line of Python."""
+    line = f"import sys; {before}; from flatsat_ros.cli.{program} import main; sys.exit(main(sys.argv[1:]))"
+    command = [sys.executable, "-c", line, *arguments]
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | options
+    return subprocess.Popen(command, text=True, start_new_session=True, **streams)  # type: ignore[call-overload]
+
+
+def alive(group: int) -> list[int]:
+    """The processes of a group that still run."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            state, _, leader = (entry / "stat").read_text().rpartition(") ")[2].split()[:3]
+            if int(leader) == group and state not in "ZX":
+                found.append(int(entry.name))
+    return found
+
+
+@pytest.fixture
+def group() -> Iterator[list[subprocess.Popen[str]]]:
+    """Processes that are ended with their group, whatever becomes of the test."""
+    started: list[subprocess.Popen[str]] = []
+    yield started
+    for process in started:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_help_is_no_failure(program: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert PROGRAMS[program](["--help"]) == 0
+    assert f"usage: {program}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("program", "abbreviated"),
+    [("demo", "--outp=x"), ("falsify", "--work=1"), ("reproduce", "--out=x"), ("synthesize", "--thrust-max-=1.4")],
+)
+def test_no_option_can_be_abbreviated(program: str, abbreviated: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert PROGRAMS[program]([abbreviated]) == 2
+    assert refusal(capsys) == f"unrecognized arguments: {abbreviated}; see --help\n"
+
+
+@pytest.mark.parametrize("program", ["demo", "reproduce", "synthesize"])
+def test_the_home_folder_of_nobody_is_refused(
+    program: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert PROGRAMS[program](["--output", "~no such user/x"]) == 2
+    assert "~no such user/x: there is no user with this home folder" in refusal(capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_home_folder_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert shell.path("~/x") == tmp_path / "x"
+
+
+@pytest.mark.parametrize("program", ["demo", "reproduce"])
+@pytest.mark.parametrize("taken", ["file", "file/below", "/dev/null/below", "/proc/below"])
+def test_a_folder_that_cannot_be_made_is_refused_before_anything_is_computed(
+    program: str, taken: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("file").touch()
+    extra = ["--headless"] if program == "demo" else []
+    assert PROGRAMS[program](["--output", taken, *extra]) == 2
+    assert refusal(capsys).startswith(taken)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize(("program", "file"), [("demo", "summary.json"), ("reproduce", "table.json")])
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_computed(
+    program: str, file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / file).mkdir()
+    extra = ["--headless"] if program == "demo" else []
+    assert PROGRAMS[program](["--output", str(tmp_path), *extra]) == 2
+    assert refusal(capsys) == f"{tmp_path / file}: is a folder, must be a file\n"
+    assert list((tmp_path / file).iterdir()) == []
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_that_must_not_be_written_is_refused(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(FlatsatError, match="cannot be written"):
+        shell.require_writable(tmp_path / "x")
+
+
+@pytest.mark.parametrize(
+    ("program", "arguments", "ignored"),
+    [
+        ("falsify", ["--replay", "hold:1:1", "--runs", "1000000"], "--runs"),
+        ("falsify", ["--replay", "hold:1:1", "--seed", "0", "--campaign", "hold"], "--campaign, --seed"),
+        ("falsify", ["--replay", "hold:1:1", "--workers", "2", "--seconds", "9"], "--seconds, --workers"),
+        ("synthesize", ["--verify", "x.yaml", "--paper", "all"], "--paper"),
+        ("synthesize", ["--verify", "x.yaml", "--force", "--plot", "x.png"], "--force, --plot"),
+        ("synthesize", ["--paper", "all", "--cover", "1,1,1", "--output", "x.yaml"], "--cover, --output"),
+    ],
+)
+def test_an_option_that_another_would_ignore_is_refused_by_name(
+    program: str, arguments: list[str], ignored: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert PROGRAMS[program](arguments) == 2
+    assert refusal(capsys) == f"{ignored}: not used with {arguments[0]}; drop one or the other\n"
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (FlatsatError("this is\n  too large"), "this is too large"),
+        (FileNotFoundError(2, "No such file or directory", "x/y"), "x/y: No such file or directory"),
+        (OSError(28, "No space left on device"), "[Errno 28] No space left on device"),
+        (ModuleNotFoundError("No module named 'rosbags'"), "No module named 'rosbags'"),
+    ],
+)
+def test_what_the_user_can_mend_is_one_line_and_exit_code_2(
+    error: Exception, line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(raising(error)) == 2
+    assert refusal(capsys) == f"{line}\n"
+
+
+def test_a_defect_of_ours_is_not_hidden() -> None:
+    with pytest.raises(ValueError, match="shape"):
+        run(raising(ValueError("shape")))
+
+
+@pytest.mark.parametrize("number", STOPPING)
+def test_a_signal_stops_the_work_and_the_handlers_are_what_they_were(
+    number: signal.Signals, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = [signal.getsignal(stopping) for stopping in STOPPING]
+
+    def work(_: argparse.Namespace) -> int:
+        signal.raise_signal(number)
+        pytest.fail("the work went on")
+
+    assert run(work) == 128 + number
+    assert capsys.readouterr().err == "stopped\n"
+    assert [signal.getsignal(stopping) for stopping in STOPPING] == before
+
+
+def test_a_signal_that_an_import_turns_into_an_error_stops_all_the_same(capsys: pytest.CaptureFixture[str]) -> None:
+    def work(_: argparse.Namespace) -> int:
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        except KeyboardInterrupt as error:
+            raise ImportError("initialization failed") from error
+        return 0
+
+    assert run(work) == 128 + signal.SIGTERM
+    assert capsys.readouterr().err == "stopped\n"
+
+
+def test_a_signal_that_is_ignored_stays_ignored() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        assert run(lambda _: signal.raise_signal(signal.SIGHUP) or 0) == 0
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_signals_that_are_held_come_where_they_are_delivered_and_at_the_end() -> None:
+    came: list[int] = []
+    before = signal.signal(signal.SIGTERM, lambda number, _: came.append(number))
+    try:
+        with signals_held() as deliver:
+            signal.raise_signal(signal.SIGTERM)
+            assert came == []
+            deliver()
+            deliver()
+            assert came == [signal.SIGTERM]
+            signal.raise_signal(signal.SIGTERM)
+        assert came == [signal.SIGTERM] * 2
+        signal.raise_signal(signal.SIGTERM)
+        assert came == [signal.SIGTERM] * 3
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def test_a_signal_without_a_handler_is_not_held() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    try:
+        with signals_held():
+            assert signal.getsignal(signal.SIGHUP) is signal.SIG_DFL
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_an_unknown_backend_of_matplotlib_does_not_matter(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, group: list[subprocess.Popen[str]]
+) -> None:
+    monkeypatch.setenv("MPLBACKEND", "no such backend")
+    group.append(start(*HEADLESS, "--output", str(tmp_path)))
+    _, errors = group[-1].communicate(timeout=120)
+    assert group[-1].returncode == 0, errors
+    assert (tmp_path / "paths.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--thrust-max", "14"]])
+def test_a_full_disk_behind_stdout_is_one_line(arguments: list[str], group: list[subprocess.Popen[str]]) -> None:
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        group.append(start("synthesize", *arguments, stdout=full))
+    _, errors = group[-1].communicate(timeout=120)
+    assert errors == "error: [Errno 28] No space left on device\n"
+    assert group[-1].returncode == 2
+
+
+def test_a_reader_that_leaves_is_one_line(group: list[subprocess.Popen[str]]) -> None:
+    group.append(start(*CERTIFY))
+    process = group[-1]
+    assert process.stdout is not None
+    process.stdout.close()
+    process.stdout = None
+    _, errors = process.communicate(timeout=120)
+    assert (process.returncode, errors) == (2, "error: [Errno 32] Broken pipe\n")
+
+
+def test_without_ros_the_live_demo_is_refused_before_anything_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, group: list[subprocess.Popen[str]]
+) -> None:
+    group.append(start("demo", "--output", str(tmp_path / "out"), before="sys.modules['rclpy'] = None"))
+    output, errors = group[-1].communicate(timeout=120)
+    assert group[-1].returncode == 2
+    assert output == ""
+    assert errors.startswith("error: flying live needs ROS 2 (import of rclpy halted")
+    assert errors.endswith("source its setup, or give --headless\n")
+    assert errors.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+# a finder that lets Ctrl-C come while a certain module is being looked for
+CTRL_C_AT = """
+import signal, sys
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            sys.meta_path.remove(self)
+            signal.raise_signal(signal.SIGINT)
+sys.meta_path.insert(0, Finder())
+"""
+
+
+@pytest.mark.parametrize("module", ["numpy.linalg", "scipy.sparse.linalg", "cvxpy", "cvxpy.reductions.solvers.defines"])
+def test_ctrl_c_while_imports_run_is_130_without_a_traceback(module: str, group: list[subprocess.Popen[str]]) -> None:
+    group.append(start(*CERTIFY, before=f"exec({CTRL_C_AT.format(module=module)!r})"))
+    assert group[-1].communicate(timeout=120) == ("", "stopped\n")
+    assert group[-1].returncode == 130
+
+
+def attacked(group: list[subprocess.Popen[str]]) -> subprocess.Popen[str]:
+    """A falsify with two workers that has worked through a batch."""
+    group.append(start("falsify", "--campaign", "hold", "--workers", "2", "--runs", "10000000"))
+    stderr = group[-1].stderr
+    assert stderr is not None
+    seen = ""
+    while "violations=0" not in seen:
+        seen += stderr.read(1)
+        assert "Traceback" not in seen
+    assert len(alive(group[-1].pid)) >= 3
+    return group[-1]
+
+
+def none_left(process: subprocess.Popen[str]) -> bool:
+    """Whether its group comes to an end."""
+    deadline = time.monotonic() + 30.0
+    while alive(process.pid):
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.05)
+    return True
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_workers_end_with_a_stopped_program_without_a_word(
+    number: signal.Signals, group: list[subprocess.Popen[str]]
+) -> None:
+    process = attacked(group)
+    if number is signal.SIGINT:
+        os.killpg(process.pid, number)  # as a terminal does
+    else:
+        process.send_signal(number)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 128 + number
+    assert errors.rpartition("\n")[0].endswith("stopped")
+    assert "Traceback" not in errors
+    assert none_left(process)
+
+
+def test_workers_end_with_a_program_that_is_killed(group: list[subprocess.Popen[str]]) -> None:
+    process = attacked(group)
+    process.kill()
+    assert none_left(process)
+
+
+def test_a_worker_that_dies_is_one_line(group: list[subprocess.Popen[str]]) -> None:
+    process = attacked(group)
+    worker = next(pid for pid in alive(process.pid) if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes())
+    os.kill(worker, signal.SIGKILL)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert errors.splitlines()[-1].startswith("error: a worker process died")
+    assert "Traceback" not in errors
