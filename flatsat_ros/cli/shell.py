@@ -17,10 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, NoReturn
-
-if TYPE_CHECKING:
-    from _typeshed import SupportsWrite
+from typing import Any, NoReturn
 
 REFUSED = 2
 
@@ -43,7 +40,7 @@ class Parser(argparse.ArgumentParser):
         """Refuse the command line."""
         raise _CommandLineError(f"{message}; see --help")
 
-    def print_help(self, file: SupportsWrite[str] | None = None) -> None:
+    def print_help(self, file: Any = None) -> None:
         """Print the help; argparse itself would not tell that it could not be written."""
         print(self.format_help(), end="", file=file)
 

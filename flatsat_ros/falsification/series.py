@@ -8,7 +8,7 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -45,7 +45,7 @@ def run_batch(batch: Batch, pool: Pool, sabotage: str | None, watched: int | Non
     return run(*batch, pool, None if sabotage is None else partial(sabotaged, sabotage), watched)
 
 
-def run_batches(batches: Sequence[Batch], pool: Pool, sabotage: str | None, workers: int) -> Iterator[Outcome]:
+def run_batches(batches: Sequence[Batch], pool: Pool, sabotage: str | None, workers: int) -> Generator[Outcome]:
     """Yield what the batches come to, in their order; what has not begun is dropped with the generator.
 
     Args:

@@ -53,7 +53,15 @@ def test_the_time_is_bounded(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [["--replay", "hold:1"], ["--replay", "held:1:1"], ["--replay", "hold:1:1000"], ["--runs", "0"]]
+    "arguments",
+    [
+        ["--replay", "hold:1"],
+        ["--replay", "held:1:1"],
+        ["--replay", "hold:1:1000"],
+        ["--runs", "0"],
+        ["--sabotage", "disturbance", "--campaign", "hold"],
+        ["--sabotage", "disturbance", "--replay", "lag:0:1"],
+    ],
 )
 def test_what_cannot_be_used_is_refused_in_one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(arguments) == 2

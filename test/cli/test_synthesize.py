@@ -125,8 +125,9 @@ def test_a_disturbance_makes_a_robust_certificate(tmp_path: Path, capsys: pytest
     assert certificate.sets.classify(np.array([[2.0, -2.0, 1.0, 0.0, 0.0, 0.0]])).guaranteed[0]
 
 
-@pytest.mark.parametrize("ending", ["png", "svg"])
-@pytest.mark.parametrize("options", [["--lag", "0.1"], ["--drift", "0.3", "--period", "0.01"]])
+@pytest.mark.parametrize(
+    ("ending", "options"), [("png", ["--lag", "0.1"]), ("svg", ["--drift", "0.3", "--period", "0.01"])]
+)
 def test_a_page_of_pictures_is_drawn(tmp_path: Path, ending: str, options: list[str]) -> None:
     target = tmp_path / f"page.{ending}"
     assert main([*PAPER_LIMITS, *options, "--plot", str(target)]) == 0
@@ -174,6 +175,10 @@ def test_a_certificate_is_verified_and_a_wrong_one_refused(
         ([*PAPER_LIMITS, "--drift", "1,1,1"], "--drift 1.0,1.0,1.0: must be one number, or two as H,V"),
         ([*PAPER_LIMITS, "--push", "0.9"], "push = 0.9 m/s^2 on x and y: must be at most 0.576589 m/s^2"),
         ([*PAPER_LIMITS, "--push", "0.1", "--lag", "0.1"], "certified for the plain hold; drop --lag"),
+        (["--vehicle", "cf21", "--push", "0.1"], "cf21 has a lag of 0.140465 s and a delay of 0.002 s: give"),
+        ([*PAPER_LIMITS, "--kappa", "0.7"], "--kappa goes with --lag, --delay or --vehicle"),
+        ([*PAPER_LIMITS, "--force"], "--force overwrites files; without --output and --plot none is written"),
+        ([*PAPER_LIMITS, "--plot", "page.gif"], "--plot page.gif: must end in .png, .pdf, .svg"),
         ([*PAPER_LIMITS, "--plot", "missing/x.png"], "the folder missing does not exist"),
         ([*PAPER_LIMITS, "--plot", "taken.yaml"], "taken.yaml exists: give --force"),
         (["--verify", "taken.yaml"], "must be a mapping"),
