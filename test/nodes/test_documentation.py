@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 import rclpy
 import yaml
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from flatsat_ros.flight.telemetry import FIELDS
@@ -23,30 +22,92 @@ from flatsat_ros.nodes.mocap_player import MocapPlayer
 from flatsat_ros.nodes.ros import interfaces
 from flatsat_ros.nodes.sim_drone import SimDrone
 
+NODES = {
+    "controller": ControllerNode,
+    "sim_drone": SimDrone,
+    "mocap_player": MocapPlayer,
+    "calibrate_hover": CalibrateHover,
+    **({"cflib_bridge": CflibBridge} if find_spec("cflib") else {}),
+}
+# what a node does not start without, as {folder} of the test's, and what makes it offer all that it can offer
+GIVEN = {
+    "mocap_player": {"file": "{folder}/recording.csv"},
+    "calibrate_hover": {"output": "{folder}/mine.yaml"},
+    "cflib_bridge": {"pose_rate": "50.0", "external_pose": "pose"},
+}
 # defaults that are put into words
 COMPUTED = {"start_positions", "uris"}
-# what rclpy declares by itself
-OWN = re.compile(r"use_sim_time|start_type_description_service|qos_overrides\..*")
+# what rclpy declares and offers by itself
+OWN_PARAMETER = re.compile(r"use_sim_time|start_type_description_service|qos_overrides\..*")
+OWN_TOPICS = {"parameter_events", "rosout"}
+OWN_SERVICE = re.compile(r".*/(\w+_parameters\w*|get_parameter_types|list_parameters|get_type_description)")
 
 
-# what a node does not start without
-GIVEN = {MocapPlayer: ("file", "recording.csv"), CalibrateHover: ("output", "mine.yaml")}
+class Offer(NamedTuple):
+    """What one program offers.
+
+    Attributes:
+        node: name of its node.
+        parameters: default or given value, type and whether it may change in flight, by name.
+        topics: of (direction, name, type, quality of service); <robot> stands for the robot.
+        services: of (name, type).
+    """
+
+    node: str
+    parameters: dict[str, tuple[Any, str, bool]]
+    topics: set[tuple[str, str, str, str]]
+    services: set[tuple[str, str]]
 
 
-@contextmanager
-def started(make: type[Any], folder: Path) -> Iterator[Any]:
-    """A node, with files of its own in a folder."""
+def kind(interface: Any) -> str:
+    """A type as the page writes it."""
+    return f"{interface.__module__.partition('.')[0]}/{interface.__name__}"
+
+
+def quality(profile: QoSProfile) -> str:
+    """A quality of service as the page writes it."""
+    return f"{profile.reliability.name.lower().replace('_', ' ')}, depth {profile.depth}"
+
+
+def offer_of(node: Node) -> Offer:
+    """What a node offers."""
+
+    def name(resolved: str) -> str:
+        return re.sub(r"^/cf1/", "<robot>/", resolved) if resolved != interfaces.DIAGNOSTICS else resolved
+
+    parameters = {
+        name: (value.value, value.type_.name.lower().replace("_", " "), not node.describe_parameter(name).read_only)
+        for name, value in node._parameters.items()
+        if not OWN_PARAMETER.fullmatch(name)
+    }
+    ends = [("out", end) for end in node.publishers] + [("in", end) for end in node.subscriptions]
+    topics = {(way, name(end.topic_name), kind(end.msg_type), quality(end.qos_profile)) for way, end in ends}
+    services = {(name(service.service_name), kind(service.srv_type)) for service in node.services}
+    return Offer(
+        node.get_name(),
+        parameters,
+        {topic for topic in topics if topic[1].strip("/") not in OWN_TOPICS},
+        {(name.removeprefix("/"), what) for name, what in services if not OWN_SERVICE.fullmatch(name)},
+    )
+
+
+@pytest.fixture(scope="module")
+def offers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Offer]:
+    """What every program offers, from its node."""
+    folder, found = tmp_path_factory.mktemp("given"), {}
     (folder / "recording.csv").write_text(f"{','.join(COLUMNS)}\n0,0,0,1,0,0,0,1\n", encoding="utf-8")
-    given = [f"{name}:={folder / file}" for kind, (name, file) in GIVEN.items() if kind is make]
-    rclpy.init(args=["--ros-args", *(part for value in given for part in ("-p", value))])
-    try:
-        node = make()
-        yield node
-        for link in getattr(node, "links", []):
-            link.leave()
-        node.destroy_node()
-    finally:
-        rclpy.shutdown()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(folder))
+        for program, make in NODES.items():
+            given = [f"{name}:={value.format(folder=folder)}" for name, value in GIVEN.get(program, {}).items()]
+            rclpy.init(args=["--ros-args", *(part for value in given for part in ("-p", value))])
+            node = make()
+            found[program] = offer_of(node)
+            for link in getattr(node, "links", []):
+                link.leave()
+            node.destroy_node()
+            rclpy.shutdown()
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -61,79 +122,85 @@ def section(page: str, title: str) -> str:
     return re.split(r"^#", rest, flags=re.MULTILINE)[0]
 
 
-def first_columns(text: str) -> set[str]:
-    """Names in the first column of the tables."""
-    rows = [line.split("|")[1] for line in text.splitlines() if line.startswith("|")]
-    return {name for row in rows for name in re.findall(r"`([^`]+)`", row)}
+def tables(text: str) -> list[list[list[str]]]:
+    """The rows of every table, without its head, as cells."""
+    blocks = re.findall(r"(?:^\|.*\n)+", text, flags=re.MULTILINE)
+    return [[[cell.strip() for cell in line.split("|")[1:-1]] for line in block.splitlines()[2:]] for block in blocks]
 
 
-def defaults(text: str) -> dict[str, str]:
-    """Default by parameter, for rows with one name."""
-    rows = [[cell.strip(" `") for cell in line.split("|")] for line in text.splitlines() if line.startswith("| `")]
-    return {row[1]: row[3] for row in rows if "," not in row[1]}
+def names(cell: str) -> list[str]:
+    """The names that a cell puts into code."""
+    return re.findall(r"`([^`]+)`", cell)
 
 
-@pytest.mark.parametrize(
-    ("make", "title"),
-    [
-        (ControllerNode, "`controller`"),
-        (SimDrone, "`sim_drone`"),
-        (MocapPlayer, "`mocap_player`"),
-        (CalibrateHover, "`calibrate_hover`"),
-        pytest.param(
-            CflibBridge, "`cflib_bridge`", marks=pytest.mark.skipif(not find_spec("cflib"), reason="an extra")
-        ),
-    ],
-)
-def test_every_parameter_is_documented_with_its_default(
-    make: type[Any], title: str, page: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+def test_every_program_is_documented_with_its_node(page: str, root: Path, offers: dict[str, Offer]) -> None:
+    (table,) = tables(section(page, "## Programs"))
+    documented = {names(program)[0]: names(node) for program, node, _ in table}
+    scripts = re.findall(r'"(\w+) = flatsat_ros[.\w]+:\w+"', (root / "setup.py").read_text(encoding="utf-8"))
+    assert sorted(documented) == sorted(scripts)
+    assert {program: documented[program] for program in offers} == {
+        program: [offer.node] for program, offer in offers.items()
+    }
+
+
+@pytest.mark.parametrize("program", NODES)
+def test_every_parameter_is_documented_with_its_type_and_default(
+    program: str, page: str, offers: dict[str, Offer]
 ) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    with started(make, tmp_path) as node:
-        declared = {name: value.value for name, value in node._parameters.items() if not OWN.fullmatch(name)}
-    text = section(page, f"## Parameters of {title}")
+    declared, text = offers[program].parameters, section(page, f"## Parameters of `{program}`")
     common = {name for name in declared if not name.startswith("robots.")}
-    assert first_columns(text) == common
+    (table, *_) = tables(text)
+    assert {name for row in table for name in names(row[0])} == common
     for name in {name.rpartition(".")[2] for name in declared} - common:
         assert f"`.{name}`" in text or f"`robots.<name>.{name}`" in text
-    for name, documented in defaults(text).items():
-        assert yaml.safe_load(documented or "''") == declared[name] or name in {*COMPUTED, *GIVEN.get(make, ())}, name
+    for row in table:
+        own = names(row[0])
+        for name, default in zip(own, row[2].split(", ") if len(own) > 1 else [row[2]], strict=True):
+            value, what, changeable = declared[name]
+            assert row[1] == what, name
+            if name not in {*COMPUTED, *GIVEN.get(program, ())}:
+                assert yaml.safe_load(default.strip("`") or "''") == value, name
+            assert changeable == (program == "controller" and row[4] == "yes"), name
 
 
 def test_every_telemetry_entry_is_documented(page: str) -> None:
-    table = page.partition("**telemetry.**")[2].partition("## ")[0]
-    assert first_columns(table) == set(FIELDS)
+    (table,) = tables(page.partition("**telemetry.**")[2].partition("## ")[0])
+    assert [name for entry, *_ in table for name in names(entry)] == list(FIELDS)
 
 
-def quality(profile: QoSProfile) -> str:
-    """A quality of service as the table writes it."""
-    reliability = profile.reliability.name.lower().replace("_", " ")
-    return f"{reliability}, depth {profile.depth}"
+def test_every_topic_is_documented_with_its_ends_type_and_quality(page: str, offers: dict[str, Offer]) -> None:
+    documented = set()
+    for name, what, ends, qos in tables(section(page, "## Topics"))[0]:
+        way = ""
+        for word in re.findall(r"in:|out:|[a-z_]+", ends):
+            way = word.removesuffix(":") if word in ("in:", "out:") else way
+            if word in offers:
+                verb = {"in": "subscribed", "out": "published"}[way]
+                (own,) = re.findall(rf"{verb} ([^;]*)", qos) or [qos]
+                documented.add((word, way, names(name)[0], what, own))
+    assert documented == {(program, *topic) for program, offer in offers.items() for topic in offer.topics}
 
 
-def test_every_topic_is_documented_with_type_and_quality(page: str) -> None:
-    first = section(page, "## Topics").strip().split("\n\n")[1]  # behind one sentence
-    rows = [[cell.strip(" `") for cell in line.split("|")] for line in first.splitlines() if line.startswith("| `")]
-    table = {name: (kind, qos) for _, name, kind, _, qos, _ in rows}
-    topics = [topic for topic in vars(interfaces).values() if isinstance(topic, interfaces.Topic)]
-    pose = interfaces.POSE
-    expected = {
-        topic.of("<robot>"): (topic.kind, f"published {quality(topic.publish)}; subscribed {quality(topic.subscribe)}")
-        if topic is pose
-        else (topic.kind, quality(topic.subscribe))
-        for topic in topics
+def test_every_service_is_documented_with_its_type(page: str, offers: dict[str, Offer]) -> None:
+    controllers, drones, commanders = tables(section(page, "## Services"))
+    installed = find_spec("crazyflie_interfaces") is not None
+    documented = {
+        ("controller", interfaces.service_of(who, names(name)[0]), what)
+        for name, what, *_ in controllers
+        for who in ("<robot>", interfaces.ALL)
     }
-    expected["<robot>/mocap_pose"] = (pose.kind, quality(pose.subscribe))
-    expected[interfaces.DIAGNOSTICS] = (interfaces.DIAGNOSTICS_KIND, quality(interfaces.DIAGNOSTICS_QOS))
-    assert table == {
-        name: (f"{kind.__module__.partition('.')[0]}/{kind.__name__}", qos) for name, (kind, qos) in expected.items()
-    }
-    assert [topic for topic in topics if topic is not pose and quality(topic.publish) != quality(topic.subscribe)] == []
-
-
-def test_every_service_is_documented(page: str) -> None:
-    robots = ("<robot>", interfaces.ALL)
-    drone = {interfaces.drone_service_of("<robot>", name) for name in (interfaces.ARM, interfaces.REBOOT)}
-    together = (interfaces.EMERGENCY, interfaces.TAKEOFF, interfaces.LAND, interfaces.GO_TO, interfaces.NOTIFY)
-    both = {interfaces.drone_service_of(robot, name) for robot in robots for name in together}
-    assert first_columns(section(page, "## Services")) == {*interfaces.TRIGGERS, interfaces.ARM} | drone | both
+    for program in {"sim_drone", "cflib_bridge"} & set(offers):
+        for cell, what, _ in drones:
+            own, *crazyswarms = re.findall(r"\w+/\w+", what)
+            for name in names(cell):
+                if program != "cflib_bridge" or not name.endswith("/reboot"):
+                    documented.add((program, name, crazyswarms[0] if crazyswarms and installed else own))
+    if installed:
+        documented |= {
+            ("sim_drone", name, re.findall(r"\w+/\w+", what)[0]) for cell, what in commanders for name in names(cell)
+        }
+    assert documented == {(program, *service) for program, offer in offers.items() for service in offer.services}
+    # installed or not, these are the names that we use
+    used = (interfaces.TAKEOFF, interfaces.LAND, interfaces.GO_TO, interfaces.NOTIFY)
+    expected = {interfaces.drone_service_of(who, name) for who in ("<robot>", interfaces.ALL) for name in used}
+    assert {name for cell, _ in commanders for name in names(cell)} == expected
