@@ -168,6 +168,14 @@ def test_docstrings_and_comments_name_only_what_there_is() -> None:
         assert named == [], file
 
 
+def test_python_in_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(encoding="utf-8"), re.M | re.S)
+    assert blocks
+    for block in blocks:
+        exec(compile(block, "README.md", "exec"), {})
+        assert capsys.readouterr().out.strip()
+
+
 @pytest.mark.parametrize("check", CHECKS)
 @pytest.mark.parametrize("file", PAGES, ids=lambda file: file.name)
 def test_a_page_names_only_what_there_is(file: Path, check: str) -> None:
