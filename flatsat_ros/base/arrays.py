@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import refusal, require
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
 
-def float_array(name: str, value: ArrayLike, width: int | None = None) -> FloatArray:
+def float_array(name: str, value: object, width: int | None = None) -> FloatArray:
     """Return value as an array of floats, as `finite_array` does, but take entries that are not finite."""
-    array = np.asarray(value, dtype=np.float64)
+    try:
+        array = np.asarray(value)
+    except ValueError as error:  # rows of different lengths
+        raise refusal(name, value, "", "an array of numbers") from error
+    if array.dtype != np.float64:
+        require(array.dtype.kind in "fiub", name, value, "", "an array of numbers")
+        array = array.astype(np.float64)
     if width is not None and (array.ndim == 0 or array.shape[-1] != width):
-        raise FlatsatError(f"{name} has shape {array.shape}: valid is (..., {width})")
+        raise refusal(f"shape of {name}", array.shape, "", f"(..., {width})")
     return array
 
 
-def finite_array(name: str, value: ArrayLike, width: int | None = None) -> FloatArray:
+def finite_array(name: str, value: object, width: int | None = None) -> FloatArray:
     """Return value as an array of floats, each of them finite.
 
     Args:
@@ -34,5 +40,22 @@ def finite_array(name: str, value: ArrayLike, width: int | None = None) -> Float
     array = float_array(name, value, width)
     finite = np.isfinite(array)
     if np.count_nonzero(finite) < finite.size:  # a third of the cost of all() on small arrays
-        raise FlatsatError(f"{name} contains {array[~finite].flat[0]}: every entry must be a finite number")
+        raise refusal(f"an entry of {name}", array[~finite].flat[0], "", "a finite number")
     return array
+
+
+def require_each(holds: BoolArray, name: str, values: FloatArray, unit: str, valid: str) -> None:
+    """Refuse the first entry whose bound does not hold.
+
+    Args:
+        holds: whether each entry keeps its bound, of the shape of the values.
+        name: of the value, for the error.
+        values: as they were given, any shape.
+        unit: of the values, for the error.
+        valid: what would have been valid, after "must be".
+
+    Raises:
+        FlatsatError: there is one.
+    """
+    if not holds.all():
+        raise refusal(name, values[~holds][0], unit, valid)

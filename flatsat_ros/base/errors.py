@@ -2,43 +2,101 @@
 
 from __future__ import annotations
 
-import math
 import reprlib
+from collections.abc import Callable
+from typing import TypeGuard
 
 import numpy as np
 
+# Of every number in SI units. What physics gives lies far inside; beyond, squares and quotients of a few of them leave
+# the range of floating-point numbers.
+SMALLEST, LARGEST = 1e-12, 1e12
+
 
 class FlatsatError(ValueError):
-    """A value that cannot be used; the text names the value, the bound it breaks and what would be valid."""
+    """A value that cannot be used; the text names the value, the bound it breaks and what would be valid.
+
+    It is one line and, where it is about a value, reads "name = value unit: must be ...".
+    """
 
 
-def require(holds: bool, name: str, value: object, valid: str) -> None:
-    """Raise a FlatsatError unless a bound holds: "name is value: valid is ...".
+def refusal(name: str, value: object, unit: str, valid: str) -> FlatsatError:
+    """Return the refusal of a value: "name = value unit: must be valid".
 
     Args:
-        holds: whether the value keeps its bound.
         name: of the value.
-        value: as it was given.
-        valid: what would have been valid, with its unit.
+        value: as it was given, of any length.
+        unit: of the value; empty for none.
+        valid: what would have been valid, after "must be".
+    """
+    return FlatsatError(f"{name} = {quoted(value)}{' ' if unit else ''}{unit}: must be {valid}")
+
+
+def require(holds: bool, name: str, value: object, unit: str, valid: str) -> None:
+    """Refuse a value unless its bound holds; the arguments are those of `refusal`.
+
+    Raises:
+        FlatsatError: it does not.
     """
     if not holds:
-        raise FlatsatError(f"{name} is {value}: valid is {valid}")
+        raise refusal(name, value, unit, valid)
 
 
-def require_positive(name: str, value: float, unit: str) -> float:
-    """Return value as a float.
+def require_number(name: str, value: object, unit: str, least: float = -LARGEST, most: float = LARGEST) -> float:
+    """Return a value as a float.
 
     Args:
         name: of the value, for the error.
-        value: what must be a finite number above 0.
+        value: what must be a number, not a boolean, from least to most.
         unit: of the value, for the error.
+        least: smallest valid value.
+        most: largest valid value.
 
     Raises:
         FlatsatError: it is not.
     """
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.floating)) or not 0.0 < value < math.inf:
-        raise FlatsatError(f"{name} = {value!r} {unit}: must be a finite number above 0")
+    if not _is_number(value) or not least <= value <= most:
+        raise refusal(name, value, unit, f"a number from {least:g} to {most:g}")
     return float(value)
+
+
+def require_positive(name: str, value: object, unit: str) -> float:
+    """Return a value as a float, refusing what is not a number from SMALLEST to LARGEST.
+
+    Raises:
+        FlatsatError: it is not.
+    """
+    if not _is_number(value) or not SMALLEST <= value <= LARGEST:
+        raise refusal(name, value, unit, f"a number above 0, from {SMALLEST:g} to {LARGEST:g}")
+    return float(value)
+
+
+def require_not_negative(name: str, value: object, unit: str) -> float:
+    """Return a value as a float, refusing what is not a number from 0 to LARGEST.
+
+    Raises:
+        FlatsatError: it is not.
+    """
+    return require_number(name, value, unit, 0.0)
+
+
+def require_fields(owner: object, check: Callable[[str, object, str], float], **units: str) -> None:
+    """Check fields of a frozen dataclass, and keep them as floats.
+
+    Args:
+        owner: the object.
+        check: such as `require_positive`.
+        units: the unit of each field, by its name.
+
+    Raises:
+        FlatsatError: one is refused.
+    """
+    for name, unit in units.items():
+        object.__setattr__(owner, name, check(name, getattr(owner, name), unit))
+
+
+def _is_number(value: object) -> TypeGuard[float]:
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
 def quoted(value: object) -> str:

@@ -8,7 +8,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from flatsat_ros.base.errors import FlatsatError, one_line, quoted
+from flatsat_ros.base.errors import FlatsatError, one_line, quoted, refusal
 
 
 def user_path(text: str | os.PathLike[str]) -> Path:
@@ -19,11 +19,11 @@ def user_path(text: str | os.PathLike[str]) -> Path:
     """
     name = os.fspath(text)
     if not name or "\0" in name:
-        raise FlatsatError(f"path = {quoted(name)}: must be the path of a file or folder")
+        raise refusal("path", name, "", "the path of a file or folder")
     try:
         return Path(name).expanduser()
     except RuntimeError as error:
-        raise FlatsatError(f"path = {quoted(name)}: must be a path whose home folder exists") from error
+        raise refusal("path", name, "", "a path whose home folder exists") from error
 
 
 def read_text(path: str | os.PathLike[str], bytes_max: int) -> str:

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.errors import FlatsatError, require_positive
+from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.errors import LARGEST, FlatsatError, quoted, refusal, require, require_fields, require_positive
 from flatsat_ros.base.files import located
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.base.strict_yaml import read_yaml, write_yaml
@@ -98,16 +98,15 @@ class Certificate:
     robust: Robust | None = None
 
     def __post_init__(self) -> None:
-        units = {
-            "rate": "1/s", "ball": "m^2/s^4", "level": "", "period": "s", "gain_min": "", "gain_max": "",
-        }  # fmt: skip
-        for name, unit in units.items():
-            object.__setattr__(self, name, require_positive(name, getattr(self, name), unit))
+        units = {"rate": "1/s", "ball": "m^2/s^4", "level": "", "period": "s", "gain_min": "", "gain_max": ""}
+        require_fields(self, require_positive, **units)
         timing = self.timing
         if timing.immediate and (self.loop is not None or self.loop_vertical is not None):
-            raise FlatsatError("loop is given, but neither lag nor delay: P itself must prove the gains then")
+            raise FlatsatError(
+                "loop is given, but neither lag nor delay: must be left out, P itself proves the gains then"
+            )
         if not timing.immediate and self.loop is None:
-            raise FlatsatError(f"loop is missing: lag = {timing.lag} s and delay = {timing.delay} s need one")
+            raise FlatsatError(f"loop is missing: must be given for lag = {timing.lag} s and delay = {timing.delay} s")
         sizes = {"block": 2, "block_vertical": 2, "loop": timing.size, "loop_vertical": timing.size}
         for name, size in sizes.items():
             if name == "block" or getattr(self, name) is not None:
@@ -232,11 +231,11 @@ class Certificate:
         keys = ("flatsat_certificate", "name", *_SCHEMA, "loop", "robust", "provenance")
         root = _section("the certificate", document, keys)
         if root["flatsat_certificate"] != FORMAT or isinstance(root["flatsat_certificate"], bool):
-            raise FlatsatError(f"flatsat_certificate = {root['flatsat_certificate']!r}: this version reads {FORMAT}")
+            raise refusal("flatsat_certificate", root["flatsat_certificate"], "", f"{FORMAT}, what this version reads")
         if not isinstance(root["name"], str) or not root["name"]:
-            raise FlatsatError(f"name = {root['name']!r}: must be a non-empty string")
+            raise refusal("name", root["name"], "", "a non-empty string")
         if not isinstance(root["provenance"], dict):
-            raise FlatsatError("provenance: must be a mapping")
+            raise refusal("provenance", root["provenance"], "", "a mapping")
         limits, decay, invariant, sampling = (_section(key, root[key], keys) for key, keys in _SCHEMA.items())
         loop = dict.fromkeys(_LOOP) if root["loop"] is None else _section("loop", root["loop"], _LOOP)
         robust = None if root["robust"] is None else Robust(**_section("robust", root["robust"], _ROBUST))
@@ -256,7 +255,7 @@ class Certificate:
         matrix = _matrix("lyapunov.matrix", decay["matrix"], 6)
         difference = float(np.abs(matrix - certificate.matrix).max())
         if difference > _ROUNDING * float(np.abs(matrix).max()):
-            raise FlatsatError(f"lyapunov.matrix differs from that of its blocks by {difference:.6g}: must be equal")
+            raise refusal("difference of lyapunov.matrix from that of its blocks", difference, "", "0")
         return certificate
 
     def to_document(self) -> dict[str, Any]:
@@ -316,10 +315,10 @@ def _slope(metric: FloatArray, block: FloatArray) -> float:
 def _section(name: str, value: object, keys: tuple[str, ...]) -> dict[str, Any]:
     """Return a mapping that has exactly the given keys."""
     if not isinstance(value, dict):
-        raise FlatsatError(f"{name}: must be a mapping with the keys {', '.join(keys)}, not {type(value).__name__}")
+        raise refusal(name, value, "", f"a mapping with the keys {', '.join(keys)}")
     unknown = [key for key in value if key not in keys]
     if unknown:
-        raise FlatsatError(f"{name}: unknown key {unknown[0]!r}; valid keys are {', '.join(keys)}")
+        raise FlatsatError(f"{name}: unknown key {quoted(unknown[0])}; valid keys are {', '.join(keys)}")
     missing = [key for key in keys if key not in value]
     if missing:
         raise FlatsatError(f"{name}: key {missing[0]!r} is missing; needed are {', '.join(keys)}")
@@ -327,19 +326,12 @@ def _section(name: str, value: object, keys: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _matrix(name: str, value: object, size: int) -> FloatArray:
-    """Return a finite symmetric (size, size) float array."""
-    try:
-        matrix = np.array(value)
-    except ValueError:  # rows of different lengths
-        matrix = np.array(None)
-    if matrix.dtype.kind not in "fi":
-        raise FlatsatError(f"{name}: must be a {size}x{size} matrix of numbers, not {value!r}")
-    matrix = matrix.astype(np.float64)
+    """Return a symmetric (size, size) array of floats of at most LARGEST."""
+    matrix = np.array(finite_array(name, value))
     if matrix.shape != (size, size):
-        raise FlatsatError(f"{name} has shape {matrix.shape}: must be ({size}, {size})")
-    if not np.isfinite(matrix).all():
-        raise FlatsatError(f"{name} contains {matrix[~np.isfinite(matrix)][0]}: every entry must be a finite number")
+        raise refusal(f"shape of {name}", matrix.shape, "", f"({size}, {size})")
+    largest = float(np.abs(matrix).max())
+    require(largest <= LARGEST, f"an entry of {name}", largest, "", f"at most {LARGEST:g} in size")
     asymmetry = float(np.abs(matrix - matrix.T).max())
-    if asymmetry > _ROUNDING * float(np.abs(matrix).max()):
-        raise FlatsatError(f"{name} is not symmetric: entries differ by {asymmetry:.6g}")
+    require(asymmetry <= _ROUNDING * largest, f"asymmetry of {name}", asymmetry, "", "0: the matrix is symmetric")
     return matrix

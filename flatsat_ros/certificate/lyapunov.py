@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.errors import FlatsatError, require_positive
+from flatsat_ros.base.errors import refusal, require_positive
 
 _A = np.array([[0.0, 1.0], [0.0, 0.0]])
 _B = np.array([[0.0], [1.0]])
@@ -166,18 +166,13 @@ def hold_gain_interval(rate: float, period: float) -> tuple[float, float]:
     """
     s = require_positive("rate (alpha)", rate, "1/s") * require_positive("period (h)", period, "s")
     if s >= 2.0:
-        raise FlatsatError(
-            f"rate * period = {s:.6g}: no gain keeps V from growing; must be below 2 "
-            f"(for this rate a period below {2.0 / rate:.6g} s)"
-        )
+        valid = f"below 2 (for this rate a period below {2.0 / rate:.6g} s), or V grows whatever the gain"
+        raise refusal("rate * period", s, "", valid)
     root = math.sqrt(4.0 - 2.0 * s)
     scale = 2.0 * s * (1.0 + s / 16.0)
     upper = (2.0 + s / 2.0 + root) / scale
     if upper < 1.0:
-        raise FlatsatError(
-            f"rate * period = {s:.6g}: the gain cap would be {upper:.6g}, below the smallest gain 1; "
-            "choose a shorter period or a smaller rate"
-        )
+        raise refusal("rate * period", s, "", f"smaller: the gain cap would be {upper:.6g}, below the smallest gain 1")
     # (2 + s/2)^2 - (4 - 2 s) = 4 s (1 + s/16): the small root without cancellation
     return 2.0 / (2.0 + s / 2.0 + root), upper
 

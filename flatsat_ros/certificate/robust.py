@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray, finite_array
-from flatsat_ros.base.errors import FlatsatError, require_positive
+from flatsat_ros.base.arrays import FloatArray, finite_array, require_each
+from flatsat_ros.base.errors import LARGEST, SMALLEST, require, require_positive
 from flatsat_ros.certificate.lyapunov import largest_relative_eigenvalue
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.law.input_set import InputSet
@@ -57,12 +57,13 @@ class Robust:
     def __post_init__(self) -> None:
         for name, unit in (("rate", "1/s"), ("floor", ""), ("share", "")):
             object.__setattr__(self, name, require_positive(f"robust.{name}", getattr(self, name), unit))
-        if not self.share < 1.0:
-            raise FlatsatError(f"robust.share = {self.share}: must lie in (0, 1)")
-        for name in ("drift", "push", "box"):
+        require(self.share < 1.0, "robust.share", self.share, "", "below 1")
+        for name, unit in (("drift", "m/s"), ("push", "m/s^2"), ("box", "m/s^2")):
             pair = np.array(finite_array(f"robust.{name}", getattr(self, name), 2))
-            if pair.shape != (2,) or (pair < 0.0).any():
-                raise FlatsatError(f"robust.{name} = {pair.tolist()}: must be two numbers of at least 0")
+            require(pair.shape == (2,), f"shape of robust.{name}", pair.shape, "", "(2,)")
+            least = SMALLEST if name == "box" else 0.0
+            valid = f"from {least:g} to {LARGEST:g}"
+            require_each((pair >= least) & (pair <= LARGEST), f"an entry of robust.{name}", pair, unit, valid)
             pair.setflags(write=False)
             object.__setattr__(self, name, pair)
 

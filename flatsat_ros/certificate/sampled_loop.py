@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.errors import FlatsatError, require, require_positive
+from flatsat_ros.base.errors import require, require_not_negative, require_positive
 from flatsat_ros.certificate.lyapunov import largest_relative_eigenvalue
 
 # A delay this close to whole periods, relative to one, is whole: 0.3 s are three periods of 0.1 s.
@@ -51,19 +51,12 @@ class Timing:
     def __post_init__(self) -> None:
         object.__setattr__(self, "period", require_positive("period (h)", self.period, "s"))
         for name, symbol in (("lag", "tau"), ("delay", "d")):
-            value = getattr(self, name)
-            number = isinstance(value, (int, float, np.floating)) and not isinstance(value, bool)
-            if not number or not 0.0 <= value < math.inf:
-                raise FlatsatError(f"{name} ({symbol}) = {value!r} s: must be a finite number of at least 0")
-            object.__setattr__(self, name, float(value))
+            object.__setattr__(self, name, require_not_negative(f"{name} ({symbol})", getattr(self, name), "s"))
+        most, least = _DEPTH * self.period, 1e-3 * self.period
+        require(self.delay <= most, "delay (d)", self.delay, "s", f"at most {most:.6g} s, {_DEPTH} periods")
         require(
-            self.delay <= _DEPTH * self.period, "delay (d)", f"{self.delay} s", f"at most {_DEPTH} periods of "
-            f"{self.period} s"
-        )  # fmt: skip
-        if 0.0 < self.lag < 1e-3 * self.period:
-            raise FlatsatError(
-                f"lag (tau) = {self.lag:.6g} s: must be 0 or at least {1e-3 * self.period:.6g} s (h/1000)"
-            )
+            self.lag == 0.0 or self.lag >= least, "lag (tau)", self.lag, "s", f"0 or at least {least:.6g} s (h/1000)"
+        )
 
     @property
     def immediate(self) -> bool:

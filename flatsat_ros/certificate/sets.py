@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import refusal
 from flatsat_ros.law.input_set import InputSet
 
 
@@ -92,7 +92,7 @@ class Sets:
         """
         state, width = np.asarray(state, dtype=np.float64), len(self._matrix)
         if state.ndim == 0 or state.shape[-1] not in (6, width):
-            raise FlatsatError(f"state has shape {state.shape}: its last axis must have 6 or {width} entries")
+            raise refusal("shape of state", state.shape, "", f"(..., 6) or (..., {width})")
         width = state.shape[-1]
         terms = state @ self._matrix[:width, :width] * state
         sums = terms @ self._directions[:width]

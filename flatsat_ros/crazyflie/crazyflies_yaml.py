@@ -6,8 +6,8 @@ import os
 from typing import Any, NamedTuple
 
 from flatsat_ros.base.arrays import finite_array
-from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.base.files import user_path
+from flatsat_ros.base.errors import FlatsatError, refusal, require, require_number
+from flatsat_ros.base.files import located, shown, user_path
 from flatsat_ros.base.strict_yaml import read_yaml
 
 
@@ -33,33 +33,29 @@ def read_crazyflies(path: str | os.PathLike[str]) -> list[Robot]:
     Raises:
         FlatsatError: the file cannot be read, has no enabled robot, or an entry is not what crazyswarm2 takes.
     """
-    content = read_yaml(user_path(path))
-    robots = content.get("robots") if isinstance(content, dict) else None
-    if not isinstance(robots, dict):
-        raise FlatsatError(f"{os.fspath(path)}: must have a mapping `robots` from names to settings")
-    enabled = [robot for name, settings in robots.items() if (robot := _robot(str(name), settings, os.fspath(path)))]
-    if not enabled:
-        raise FlatsatError(
-            f"{os.fspath(path)}: none of the robots {', '.join(map(str, robots))} is enabled: must be one"
-        )
+    file = user_path(path)
+    content = read_yaml(file)
+    try:
+        robots = content.get("robots") if isinstance(content, dict) else None
+        if not isinstance(robots, dict):
+            raise refusal("robots", robots, "", "a mapping from names to settings")
+        enabled = [robot for name, settings in robots.items() if (robot := _robot(name, settings))]
+        require(bool(enabled), "robots", list(robots), "", "at least one that is enabled")
+    except FlatsatError as error:
+        raise located(file, error) from error
     return enabled
 
 
-def _robot(name: str, settings: Any, path: str) -> Robot | None:
+def _robot(name: str, settings: Any) -> Robot | None:
     """Return one robot, None if it is not enabled."""
-    where = f"{path}: robots.{name}"
-    if not isinstance(settings, dict):
-        raise FlatsatError(f"{where} = {settings!r}: must be a mapping")
+    where = f"robots.{shown(name)}"
+    require(isinstance(settings, dict), where, settings, "", "a mapping")
     enabled = settings.get("enabled", True)
-    if not isinstance(enabled, bool):
-        raise FlatsatError(f"{where}.enabled = {enabled!r}: must be true or false")
+    require(isinstance(enabled, bool), f"{where}.enabled", enabled, "", "true or false")
     if not enabled:
         return None
-    try:
-        position = finite_array("initial_position", settings.get("initial_position", (0.0, 0.0, 0.0)), 3)
-    except (TypeError, ValueError) as error:
-        raise FlatsatError(f"{where}: {error}") from error
-    if position.shape != (3,):
-        raise FlatsatError(f"{where}.initial_position has shape {position.shape}: must be [x, y, z]")
-    x, y, z = position.tolist()
+    place = f"{where}.initial_position"
+    position = finite_array(place, settings.get("initial_position", (0.0, 0.0, 0.0)))
+    require(position.shape == (3,), f"shape of {place}", position.shape, "", "(3,): x, y, z")
+    x, y, z = (require_number(f"an entry of {place}", value, "m") for value in position.tolist())
     return Robot(name, str(settings.get("uri") or ""), (x, y, z), str(settings.get("type") or ""))

@@ -12,7 +12,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from flatsat_ros.base.errors import FlatsatError, require
+from flatsat_ros.base.errors import quoted, refusal, require
 from flatsat_ros.crazyflie.wire import WireSetpoint, YawMode
 
 S = TypeVar("S", bound=Hashable)
@@ -58,17 +58,15 @@ class Address:
         plain = uri.partition("?")[0]
         if found := _RADIO.fullmatch("radio" + plain[5:].upper() if plain.lower().startswith("radio") else ""):
             channel, rate, address = int(found["channel"]), found["rate"] or "2M", found["address"] or "E7E7E7E7E7"
-            require(channel <= 125, f"the channel of {uri!r}", channel, "0 to 125")
+            require(channel <= 125, f"channel of {quoted(uri)}", channel, "", "from 0 to 125")
             return cls(uri, f"radio {found['dongle']}", f"radio {channel} {rate} {address:0>10}")
         if found := _UDP.fullmatch(plain):
             port = int(found["port"])
-            require(0 < port < 65536, f"the port of {uri!r}", port, "1 to 65535")
+            require(0 < port < 65536, f"port of {quoted(uri)}", port, "", "from 1 to 65535")
             host = found["host"].lower().replace("localhost", "127.0.0.1")
             return cls(uri, f"udp {host} {port}", f"udp {host} {port}")
-        raise FlatsatError(
-            f"URI {uri!r}: must be radio://dongle/channel/rate/address, as in radio://0/80/2M/E7E7E7E701, "
-            "or udp://host:port"
-        )
+        valid = "radio://dongle/channel/rate/address, as in radio://0/80/2M/E7E7E7E701, or udp://host:port"
+        raise refusal("URI", uri, "", valid)
 
 
 def sendable(setpoint: WireSetpoint, pwm_max: float) -> WireSetpoint:
@@ -83,7 +81,7 @@ def sendable(setpoint: WireSetpoint, pwm_max: float) -> WireSetpoint:
             notice.
     """
     if not all(math.isfinite(value) and abs(value) <= _FLOAT_MAX for value in setpoint):
-        raise FlatsatError(f"set-point {tuple(setpoint)}: must be finite")
+        raise refusal("set-point", tuple(setpoint), "", "finite")
     return setpoint._replace(thrust=float(int(min(max(setpoint.thrust, 0.0), pwm_max))))
 
 
@@ -111,11 +109,10 @@ class PacketQueue(Generic[S, P]):
         Raises:
             FlatsatError: an argument is out of its bounds.
         """
-        require(0.0 < period < lifetime, "period", f"{period} s", f"above 0 and below {lifetime} s")
+        require(0.0 < period < lifetime, "period", period, "s", f"above 0 and below {lifetime} s")
         most = period / max(streams, 1)
-        require(
-            0.0 <= gap <= most, "gap", f"{gap} s", f"0 to {most:.4g} s, to fit {streams} streams into {period:.4g} s"
-        )
+        fit = f"from 0 to {most:.4g} s, to fit {streams} streams into {period:.4g} s"
+        require(0.0 <= gap <= most, "gap", gap, "s", fit)
         self._period, self._gap, self._lifetime = period, gap, lifetime
         self._waiting: dict[S, tuple[float, P]] = {}
         self._sent: dict[S, float] = {}

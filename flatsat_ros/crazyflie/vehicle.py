@@ -7,7 +7,6 @@ linear thrust map, and the simulated drone takes everything.
 from __future__ import annotations
 
 import dataclasses
-import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,7 +17,16 @@ from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
-from flatsat_ros.base.errors import FlatsatError, require
+from flatsat_ros.base.errors import (
+    FlatsatError,
+    quoted,
+    refusal,
+    require,
+    require_fields,
+    require_not_negative,
+    require_number,
+    require_positive,
+)
 from flatsat_ros.base.files import located
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.base.strict_yaml import read_yaml
@@ -26,20 +34,6 @@ from flatsat_ros.base.strict_yaml import read_yaml
 T = TypeVar("T")
 
 PWM_FULL = 65535  # the 16-bit thrust command that stands for force_max
-
-
-def _positive(owner: object, *names: str) -> None:
-    """Require finite positive fields."""
-    for name in names:
-        value = getattr(owner, name)
-        require(math.isfinite(value) and value > 0, name, value, "a finite number above 0")
-
-
-def _not_negative(owner: object, *names: str) -> None:
-    """Require finite fields of zero or more."""
-    for name in names:
-        value = getattr(owner, name)
-        require(math.isfinite(value) and value >= 0, name, value, "a finite number of 0 or more")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,12 +55,16 @@ class AttitudeResponse:
     integral_pole: float = 0.0
 
     def __post_init__(self) -> None:
-        _positive(self, "natural_frequency", "damping")
-        _not_negative(self, "actuator_lag", "integral_zero", "integral_pole")
+        require_fields(self, require_positive, natural_frequency="rad/s", damping="")
+        require_fields(self, require_not_negative, actuator_lag="s", integral_zero="rad/s", integral_pole="rad/s")
         one_sided = (self.integral_zero > 0.0) != (self.integral_pole > 0.0)
-        require(not one_sided, "integral_pole", self.integral_pole, "above 0 with integral_zero, 0 without")
+        require(not one_sided, "integral_pole", self.integral_pole, "rad/s", "above 0 with integral_zero, 0 without")
+        if self.integral_pole > 0.0:
+            require_fields(self, require_positive, integral_zero="rad/s", integral_pole="rad/s")
         bound = 2.0 * self.damping / self.natural_frequency  # Routh-Hurwitz: tau_a wn < 2 zeta
-        require(self.actuator_lag < bound, "actuator_lag", self.actuator_lag, f"below {bound:.4g} s (a stable loop)")
+        require(
+            self.actuator_lag < bound, "actuator_lag", self.actuator_lag, "s", f"below {bound:.4g} s (a stable loop)"
+        )
 
     @property
     def mean_delay(self) -> float:
@@ -101,8 +99,9 @@ class Dynamics:
     dead_time: float
 
     def __post_init__(self) -> None:
-        _positive(self, "attitude_gain", "thrust_gain", "thrust_lag_up", "thrust_lag_down")
-        _not_negative(self, "drag_xy", "drag_z", "dead_time")
+        units = {"attitude_gain": "", "thrust_gain": "", "thrust_lag_up": "s", "thrust_lag_down": "s"}
+        require_fields(self, require_positive, **units)
+        require_fields(self, require_not_negative, drag_xy="1/s", drag_z="1/s", dead_time="s")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,13 +125,16 @@ class Motors:
     hover_pwm: float
 
     def __post_init__(self) -> None:
-        _not_negative(self, "force_min", "idle_pwm", "hover_pwm")
+        require_fields(self, require_not_negative, force_min="N", idle_pwm="", hover_pwm="")
+        for order, value in enumerate(self.voltage_to_force):
+            require_number(f"voltage_to_force[{order}]", value, f"N/V^{order}")
         _, c1, c2, c3 = self.voltage_to_force
         increasing = c3 > 0 and c1 > 0 and (c2 >= 0 or c2 * c2 < 3.0 * c1 * c3)
-        require(increasing, "voltage_to_force", self.voltage_to_force, "a cubic that increases from 0 V on")
-        require(1 <= self.bits <= 16, "bits", self.bits, "1 to 16")
+        cubic = "coefficients of a cubic that increases from 0 V on"
+        require(increasing, "voltage_to_force", self.voltage_to_force, "N/V^k", cubic)
+        require(1 <= self.bits <= 16, "bits", self.bits, "", "from 1 to 16")
         for name in ("idle_pwm", "hover_pwm"):
-            require(getattr(self, name) <= PWM_FULL, name, getattr(self, name), f"at most {PWM_FULL}")
+            require(getattr(self, name) <= PWM_FULL, name, getattr(self, name), "", f"at most {PWM_FULL}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,13 +150,9 @@ class BatteryLimits:
     critical_voltage: float
 
     def __post_init__(self) -> None:
-        _positive(self, "low_voltage", "critical_voltage")
-        require(
-            self.critical_voltage <= self.low_voltage,
-            "critical_voltage",
-            self.critical_voltage,
-            f"at most low_voltage, {self.low_voltage} V",
-        )
+        require_fields(self, require_positive, low_voltage="V", critical_voltage="V")
+        low, critical = self.low_voltage, self.critical_voltage
+        require(critical <= low, "critical_voltage", critical, "V", f"at most low_voltage, {low} V")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,10 +178,11 @@ class VehicleProfile:
     battery: BatteryLimits
 
     def __post_init__(self) -> None:
-        _positive(self, "mass", "force_max", "pwm_max")
-        require(self.pwm_max <= PWM_FULL, "pwm_max", self.pwm_max, f"at most {PWM_FULL}")
+        require_fields(self, require_positive, mass="kg", force_max="N", pwm_max="")
+        require(self.pwm_max <= PWM_FULL, "pwm_max", self.pwm_max, "", f"at most {PWM_FULL}")
         heaviest = self.mass * self.thrust_max / GRAVITY
-        require(self.mass < heaviest, "mass", self.mass, f"below {heaviest:.4g} kg, which is all that the motors lift")
+        lifts = f"below {heaviest:.4g} kg, which is all that the motors lift"
+        require(self.mass < heaviest, "mass", self.mass, "kg", lifts)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> VehicleProfile:
@@ -256,13 +255,14 @@ def load_vehicle(name_or_path: str | os.PathLike[str]) -> VehicleProfile:
 def _build(cls: type[T], content: object, where: str) -> T:
     """Build a dataclass from a YAML mapping with exactly its fields; those that have a default may be left out."""
     if not isinstance(content, Mapping):
-        raise FlatsatError(f"{where} is {content!r}: valid is a mapping")
+        raise refusal(where, content, "", "a mapping")
     members = dataclasses.fields(cast(Any, cls))
     names = [field.name for field in members]
     needed = [field.name for field in members if field.default is dataclasses.MISSING]
     unknown, missing = sorted(map(str, set(content) - set(names))), [name for name in needed if name not in content]
     if unknown or missing:
-        raise FlatsatError(f"{where} has unknown keys {unknown} and lacks {missing}: valid keys are {names}")
+        wrong = f"has unknown keys {quoted(unknown)} and lacks {missing}"
+        raise FlatsatError(f"{where} {wrong}: must have the keys {', '.join(names)}")
     hints = get_type_hints(cls)
     values = {name: _convert(hints[name], content[name], f"{where}.{name}") for name in names if name in content}
     try:
@@ -276,14 +276,14 @@ def _convert(kind: Any, value: object, where: str) -> object:
     if dataclasses.is_dataclass(kind):
         return _build(cast("type[object]", kind), value, where)
     if kind in (str, bool, int):
-        require(type(value) is kind, where, repr(value), f"of type {kind.__name__}")
+        require(type(value) is kind, where, value, "", f"of type {kind.__name__}")
         return value
     if kind is float:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise FlatsatError(f"{where} is {value!r}: valid is a number (YAML reads 1.0e-3, but not 1e-3, as one)")
+            raise refusal(where, value, "", "a number (YAML reads 1.0e-3, but not 1e-3, as one)")
         return float(value)
     # the only remaining kind is a tuple of floats
     length = len(kind.__args__)
     if not isinstance(value, list) or len(value) != length:
-        raise FlatsatError(f"{where} is {value!r}: valid is a list of {length} numbers")
+        raise refusal(where, value, "", f"a list of {length} numbers")
     return tuple(_convert(float, item, f"{where}[{i}]") for i, item in enumerate(value))

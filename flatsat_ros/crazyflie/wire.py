@@ -10,7 +10,7 @@ import math
 from enum import Enum
 from typing import NamedTuple
 
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import refusal
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 
 
@@ -78,7 +78,7 @@ def setpoint_from_command(
     """
     turn = yaw_rate if yaw_mode is YawMode.RATE else yaw
     if not math.isfinite(thrust + roll + pitch + turn):
-        raise FlatsatError(f"set-point (T, phi, theta, yaw) = ({thrust}, {roll}, {pitch}, {turn}): must be finite")
+        raise refusal("set-point (T, phi, theta, yaw)", (thrust, roll, pitch, turn), "", "finite")
     pwm = min(max(float(vehicle.pwm_from_thrust(thrust)), 0.0), float(vehicle.pwm_max))
     return WireSetpoint(
         math.degrees(roll), backend.pitch_sign * math.degrees(pitch), yaw_mode.sign * math.degrees(turn), pwm

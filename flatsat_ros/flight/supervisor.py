@@ -13,7 +13,6 @@ that somebody else shall fly first is unlocked as it is armed: taken over in the
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, IntEnum
@@ -22,7 +21,14 @@ from typing import NamedTuple
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.errors import FlatsatError, require, require_positive
+from flatsat_ros.base.errors import (
+    FlatsatError,
+    require,
+    require_fields,
+    require_not_negative,
+    require_number,
+    require_positive,
+)
 from flatsat_ros.flight.estimator import PREDICTION_MAX
 
 
@@ -67,17 +73,14 @@ class Policy:
     thrust_error_max: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("pose_timeout", "level_time", "unlock_time", "lift_off_time", "rest_time"):
-            require_positive(name, getattr(self, name), "s")
+        seconds = ("pose_timeout", "level_time", "unlock_time", "lift_off_time", "rest_time")
+        require_fields(self, require_positive, level_thrust="g", **dict.fromkeys(seconds, "s"))
         age = f"at most {PREDICTION_MAX} s: the estimate predicts no further"
-        require(self.pose_timeout <= PREDICTION_MAX, "pose_timeout", f"{self.pose_timeout} s", age)
-        require_positive("level_thrust", self.level_thrust, "g")
-        require(self.level_thrust <= 1.0, "level_thrust", f"{self.level_thrust} g", "at most 1 g, or it would climb")
-        most = self.disturbance_max
-        require(0.0 <= most < math.inf, "disturbance_max", f"{most} m/s^2", "a finite number of at least 0")
-        error = self.thrust_error_max
-        require(0.0 <= error <= 0.5, "thrust_error_max", error, "0 to 0.5")
-        require(math.isfinite(self.ground_height), "ground_height", f"{self.ground_height} m", "a finite number")
+        require(self.pose_timeout <= PREDICTION_MAX, "pose_timeout", self.pose_timeout, "s", age)
+        require(self.level_thrust <= 1.0, "level_thrust", self.level_thrust, "g", "at most 1 g, or it would climb")
+        require_fields(self, require_not_negative, disturbance_max="m/s^2")
+        require_fields(self, require_number, ground_height="m")
+        require_number("thrust_error_max", self.thrust_error_max, "", 0.0, 0.5)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import refusal, require_number
 from flatsat_ros.certificate.lyapunov import bernstein_coefficients
 from flatsat_ros.law.input_set import InputSet
 
@@ -84,23 +84,18 @@ class Trajectory:
             )
         ]  # fmt: skip
         if t.ndim != 1 or t.size == 0 or any(p.shape != (t.size, 3) for p in points):
-            raise FlatsatError(
-                f"times {t.shape}, positions, velocities, accelerations {[p.shape for p in points]}: "
-                "must be (M,) and three times (M, 3) with M >= 1"
-            )
+            shapes = (t.shape, *(p.shape for p in points))
+            valid = "(M,) and three times (M, 3) with M >= 1"
+            raise refusal("shapes of times, positions, velocities and accelerations", shapes, "", valid)
         span = np.diff(t)
         if (span <= 0.0).any():
             index = int(np.argmax(span <= 0.0))
-            raise FlatsatError(f"times[{index + 1}] = {t[index + 1]} follows {t[index]}: times must increase strictly")
+            raise refusal(f"times[{index + 1}]", t[index + 1], "s", f"above the time before it, {t[index]} s")
         for name, point, unit in (("velocity", points[1][-1], "m/s"), ("acceleration", points[2][-1], "m/s^2")):
             if float(np.linalg.norm(point)) > _REST:
-                raise FlatsatError(
-                    f"the last point has {name} {point.tolist()} {unit}: a trajectory must end at rest "
-                    f"(below {_REST} {unit})"
-                )
-        if not math.isfinite(yaw):
-            raise FlatsatError(f"yaw = {yaw}: must be finite, rad")
-        return cls(t, _quintic(span, *points) if span.size else _at_rest(points[0][0]), float(yaw))
+                raise refusal(f"{name} of the last point", point.tolist(), unit, f"below {_REST} {unit}, at rest")
+        yaw = require_number("yaw", yaw, "rad")
+        return cls(t, _quintic(span, *points) if span.size else _at_rest(points[0][0]), yaw)
 
     @classmethod
     def hold(cls, position: ArrayLike, yaw: float = 0.0) -> Trajectory:
@@ -169,10 +164,8 @@ class Trajectory:
         """
         tightest = self.margin(limits)
         if tightest.distance <= 0.0:
-            raise FlatsatError(
-                f"the reference's margin to {tightest.limit} = {getattr(limits, tightest.limit):.4g} is "
-                f"{tightest.distance:.4g} m/s^2 at t = {tightest.time:.4g} s: must be above 0; fly it slower"
-            )
+            limit = f"{tightest.limit} = {getattr(limits, tightest.limit):.4g} at t = {tightest.time:.4g} s"
+            raise refusal(f"the reference's margin to {limit}", tightest.distance, "m/s^2", "above 0: fly it slower")
         return tightest.distance
 
 

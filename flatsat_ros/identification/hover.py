@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 
@@ -34,13 +34,13 @@ def thrust_scale(rows: ArrayLike, gravity: float) -> tuple[float, float]:
     """
     table = np.asarray(rows, dtype=np.float64)
     if table.ndim != 2 or table.shape[1] != len(FIELDS) or len(table) < _TICKS:
-        raise FlatsatError(f"telemetry has shape {table.shape}: must be (M, {len(FIELDS)}) with M >= {_TICKS}")
+        raise refusal("shape of telemetry", table.shape, "", f"(M, {len(FIELDS)}) with M >= {_TICKS}")
     column = dict(zip(FIELDS, table.T, strict=True))
     if (column["mode"] != Mode.FLY).any():
         raise FlatsatError("the drone did not fly all the time: hover at a set-point while measuring")
     drift = float(np.sqrt(np.mean(column["error_vx"] ** 2 + column["error_vy"] ** 2 + column["error_vz"] ** 2)))
     if not drift <= _DRIFT:
-        raise FlatsatError(f"the drone moved with {drift:.3f} m/s: must be at most {_DRIFT} m/s; hover at a set-point")
+        raise refusal("mean velocity", drift, "m/s", f"at most {_DRIFT} m/s: hover at a set-point")
     asked = column["T"] / column["thrust_scale"]
     upward = asked * np.cos(column["phi"]) * np.cos(column["theta"])
     mean = float(upward.mean())

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.errors import FlatsatError, quoted
+from flatsat_ros.base.errors import FlatsatError, quoted, refusal
 from flatsat_ros.base.files import located, read_text, unreadable
 
 COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
@@ -48,13 +48,13 @@ class Recording:
     def __post_init__(self) -> None:
         count = len(self.time)
         if count == 0:
-            raise FlatsatError("the recording has no poses: needed is at least one")
+            raise FlatsatError("the recording has no poses: must have at least one")
         shapes = self.time.shape, self.position.shape, self.quaternion.shape
         if shapes != ((count,), (count, 3), (count, 4)):
-            raise FlatsatError(f"time, position and quaternion have shapes {shapes}: must be (M,), (M, 3), (M, 4)")
+            raise refusal("shapes of time, position and quaternion", shapes, "", "(M,), (M, 3), (M, 4)")
         valid = np.abs(self.time - self.time[0]) <= SPAN
         if not valid.all():
-            raise FlatsatError(f"stamp = {self.time[~valid][0]} s: must be finite, within {SPAN:g} s of the first")
+            raise refusal("stamp", self.time[~valid][0], "s", f"finite, within {SPAN:g} s of the first")
 
     @property
     def duration(self) -> float:

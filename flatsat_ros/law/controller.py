@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray, finite_array, float_array
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import refusal
 from flatsat_ros.law import gain as gain_law
 from flatsat_ros.law.flatness import input_from_finite
 from flatsat_ros.law.gain import Tuning
@@ -83,10 +83,10 @@ class Controller:
         """
         if (tuning.leak * certificate.period > 1.0).any():
             most = 1.0 / certificate.period
-            raise FlatsatError(f"leak (nu) = {tuning.leak.max():.6g} 1/s: must be at most 1/period = {most:.6g} 1/s")
+            raise refusal("leak (nu)", tuning.leak.max(), "1/s", f"at most 1/period = {most:.6g} 1/s")
         if (tuning.gain_max > certificate.gain_max).any():
-            raise FlatsatError(
-                f"gain_max = {tuning.gain_max.max():.6g}: must be at most the certificate's {certificate.gain_max:.6g}"
+            raise refusal(
+                "gain_max", tuning.gain_max.max(), "", f"at most the certificate's {certificate.gain_max:.6g}"
             )
         self.certificate = certificate
         self.tuning = tuning

@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flatsat_ros.base.arrays import BoolArray, FloatArray, finite_array
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.arrays import BoolArray, FloatArray, finite_array, require_each
+from flatsat_ros.base.errors import LARGEST, SMALLEST, FlatsatError
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -56,21 +56,13 @@ class Tuning:
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         mu, v_inf, initial, cap, nu, _ = arrays
-        _require(nu >= 0.0, "leak (nu)", nu, "must be at least 0")
-        _require(mu >= 0.0, "adaptation_rate (mu)", mu, "must be at least 0")
-        _require(v_inf > 0.0, "threshold (V_inf)", v_inf, "must be above 0")
-        _require(cap >= 1.0, "gain_max", cap, "must be at least 1")
-        _require(
-            (initial >= 1.0) & (initial <= cap),
-            "gain_initial (gamma_0)",
-            initial,
-            f"must lie in [1, gain_max] = [1, {cap.min():.6g}]",
-        )
-
-
-def _require(holds: np.ndarray, name: str, values: FloatArray, valid: str) -> None:
-    if not holds.all():
-        raise FlatsatError(f"{name} = {values[~holds][0]:.6g}: {valid}")
+        positive = (v_inf >= SMALLEST) & (v_inf <= LARGEST)
+        require_each((nu >= 0.0) & (nu <= LARGEST), "leak (nu)", nu, "1/s", f"from 0 to {LARGEST:g}")
+        require_each((mu >= 0.0) & (mu <= LARGEST), "adaptation_rate (mu)", mu, "1/s", f"from 0 to {LARGEST:g}")
+        require_each(positive, "threshold (V_inf)", v_inf, "", f"above 0, from {SMALLEST:g} to {LARGEST:g}")
+        require_each((cap >= 1.0) & (cap <= LARGEST), "gain_max", cap, "", f"from 1 to {LARGEST:g}")
+        valid = f"from 1 to gain_max = {cap.min():.6g}"
+        require_each((initial >= 1.0) & (initial <= cap), "gain_initial (gamma_0)", initial, "", valid)
 
 
 def adapt(gain: FloatArray, lyapunov: FloatArray, tuning: Tuning, period: float) -> FloatArray:

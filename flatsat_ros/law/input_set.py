@@ -18,7 +18,15 @@ from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.constants import GRAVITY
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import (
+    SMALLEST,
+    refusal,
+    require,
+    require_fields,
+    require_not_negative,
+    require_number,
+    require_positive,
+)
 
 # How far outside V_c, relative to the limits, a base point may lie by rounding alone.
 _ROUNDING = 1e-12
@@ -47,24 +55,14 @@ class InputSet:
     thrust_min: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("thrust_max", "tilt_max", "gravity", "thrust_min"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, float, np.floating)) or not math.isfinite(value):
-                raise FlatsatError(f"{name} = {value!r}: must be a finite number")
-            object.__setattr__(self, name, float(value))
-        if self.gravity <= 0.0:
-            raise FlatsatError(f"gravity = {self.gravity} m/s^2: must be above 0")
-        if self.thrust_max <= self.gravity:
-            raise FlatsatError(
-                f"thrust_max = {self.thrust_max} m/s^2 cannot hover: must be above gravity = {self.gravity} m/s^2"
-            )
-        if not 0.0 < self.tilt_max < math.pi / 2:
-            raise FlatsatError(
-                f"tilt_max = {self.tilt_max:.6g} rad ({math.degrees(self.tilt_max):.6g} deg): "
-                "must lie in (0, pi/2) rad, (0, 90) deg"
-            )
-        if not 0.0 <= self.thrust_min < self.gravity:
-            raise FlatsatError(f"thrust_min = {self.thrust_min} m/s^2: must lie in [0, gravity) = [0, {self.gravity})")
+        require_fields(self, require_positive, thrust_max="m/s^2", gravity="m/s^2")
+        require_fields(self, require_not_negative, thrust_min="m/s^2")
+        require_fields(self, require_number, tilt_max="rad")
+        most, tilt, g, least = self.thrust_max, self.tilt_max, self.gravity, self.thrust_min
+        require(most > g, "thrust_max", most, "m/s^2", f"above gravity = {g} m/s^2, or it cannot hover")
+        valid = f"from {SMALLEST:g} to below pi/2 rad, which is 90 deg"
+        require(SMALLEST <= tilt < math.pi / 2, "tilt_max", tilt, "rad", valid)
+        require(least < g, "thrust_min", least, "m/s^2", f"below gravity = {g} m/s^2")
 
     def contains(self, v: ArrayLike, tolerance: float = _ROUNDING) -> np.ndarray:
         """Tell which accelerations lie in (1 + tolerance) V_c.
@@ -100,8 +98,8 @@ class InputSet:
                 erosion leaves nothing over.
         """
         if not 0.0 <= erosion < self.inner_radius:
-            raise FlatsatError(
-                f"erosion = {erosion} m/s^2: must lie in [0, inner radius) = [0, {self.inner_radius:.6g})"
+            raise refusal(
+                "erosion", erosion, "m/s^2", f"from 0 to below the inner radius, {self.inner_radius:.6g} m/s^2"
             )
         return self.gauge_of_finite(finite_array("v", v, 3), erosion)
 
@@ -182,10 +180,8 @@ class InputSet:
         left = np.minimum(np.minimum(below, within), above)
         if np.count_nonzero(left < -_ROUNDING * self.thrust_max):
             worst = base.reshape(-1, 3)[int(np.argmin(left))]
-            raise FlatsatError(
-                f"base = {worst.tolist()} m/s^2 lies outside the input set by {-float(self.margin(worst)):.6g} m/s^2: "
-                "it must be inside"
-            )
+            outside = -float(self.margin(worst))
+            raise refusal("base", worst.tolist(), "m/s^2", f"inside the input set, it is {outside:.6g} m/s^2 outside")
         scale, v1, v2, v3 = _scaled(v)
         rise = slope * v3
         horizontal = v1 * v1 + v2 * v2

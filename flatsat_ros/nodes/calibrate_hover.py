@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
-from flatsat_ros.base.errors import FlatsatError, quoted
+from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.base.files import check_folder, user_path
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.base.strict_yaml import read_yaml, write_yaml
@@ -78,7 +78,7 @@ class CalibrateHover(ProgramNode):
 
     def _check_new(self) -> None:
         if self._output.exists():
-            raise FlatsatError(f"parameter output = {quoted(str(self._output))}: exists already; must be a new file")
+            raise refusal("parameter output", str(self._output), "", "a new file: this one exists already")
 
     def _write(self) -> None:
         try:

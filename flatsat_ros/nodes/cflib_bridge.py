@@ -21,7 +21,7 @@ from geometry_msgs.msg import Twist
 from std_srvs.srv import Empty
 
 from flatsat_ros.base.constants import GRAVITY
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot
 from flatsat_ros.crazyflie.link import Address, PacketQueue, ShutdownSequence, sendable
 from flatsat_ros.crazyflie.outbox import Outbox, Packet, Stream
@@ -111,11 +111,11 @@ class CflibBridge(ProgramNode):
         default = [robot.uri or f"udp://127.0.0.1:{19850 + index}" for index, robot in enumerate(robots)]
         uris = declare(self, "uris", default, "URI of every drone in turn: radio://0/80/2M/E7E7E7E701, udp://host:port")
         if len(uris) != len(self.robots):
-            raise FlatsatError(f"parameter uris has {len(uris)} entries: must have {len(self.robots)}, one per robot")
+            raise refusal("entries of parameter uris", len(uris), "", f"{len(self.robots)}: one per robot")
         addresses = [Address.parse(uri) for uri in uris]
         for index, address in enumerate(addresses):
             if address.drone in [other.drone for other in addresses[:index]]:
-                raise FlatsatError(f"URI {address.uri!r} is given twice: each drone must have its own")
+                raise refusal("URI", address.uri, "", "given once: each drone has its own")
         return addresses
 
     def _shutdown_sequences(self) -> dict[str, ShutdownSequence]:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from rclpy.duration import Duration
 
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.base.files import user_path
 from flatsat_ros.identification.recording import Recording, read_csv
 from flatsat_ros.nodes.ros import interfaces, messages
@@ -108,7 +108,7 @@ def _read(path: str, topic: str) -> Recording:
     if file.suffix != ".csv":
         return read_bag(str(file), topic)
     if topic:
-        raise FlatsatError(f"parameter topic = {topic!r}: must be empty for a CSV recording")
+        raise refusal("parameter topic", topic, "", "empty for a CSV recording")
     return read_csv(file)
 
 

@@ -17,7 +17,7 @@ from geometry_msgs.msg import Twist
 from rclpy.publisher import Publisher
 from std_srvs.srv import Empty, Trigger
 
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot
 from flatsat_ros.nodes import crazyswarm
 from flatsat_ros.nodes.ros import interfaces, messages
@@ -85,9 +85,8 @@ class SimDrone(ProgramNode):
         count, places = len(robots), [entry for robot in robots for entry in robot.position]
         start = declare(self, "start_positions", places, "initial x, y, z of every drone in turn", unit="m")
         if len(start) != 3 * count:
-            raise FlatsatError(
-                f"parameter start_positions has {len(start)} entries: must have {3 * count}, x, y, z of {count} drones"
-            )
+            valid = f"{3 * count}: x, y, z of {count} drones"
+            raise refusal("entries of parameter start_positions", len(start), "", valid)
         common: dict[str, Any] = {
             "dynamics": declare(
                 self, "dynamics", "identified", "ideal: double integrator; identified: with attitude, lag, drag"
@@ -115,7 +114,7 @@ class SimDrone(ProgramNode):
     def _wind(self) -> Wind:
         mean = declare(self, "wind", [0.0, 0.0, 0.0], "mean air velocity in the world frame, x, y, z", unit="m/s")
         if len(mean) != 3:
-            raise FlatsatError(f"parameter wind has {len(mean)} entries: must have 3, x, y, z")
+            raise refusal("entries of parameter wind", len(mean), "", "3: x, y, z")
         return Wind(
             mean=(mean[0], mean[1], mean[2]),
             gust=declare(self, "gust", 0.0, "standard deviation of gusts, per axis", unit="m/s", bounds=(0.0, 100.0)),

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import refusal
 from flatsat_ros.law.input_set import InputSet
 
 
@@ -84,7 +84,7 @@ class Polytope:
         """
         offsets = self.offsets - (finite_array("vertices", vertices, 3) @ self.normals.T).max(axis=0)
         if not (offsets > 0.0).all():
-            raise FlatsatError(f"the vertices leave an offset of {offsets.min():.6g} m/s^2: must be above 0")
+            raise refusal("offset left by the vertices", offsets.min(), "m/s^2", "above 0")
         return Polytope(self.normals, offsets)
 
 
@@ -106,7 +106,7 @@ def inner_polytope(limits: InputSet, sides: int) -> Polytope:
         FlatsatError: sides is below 3, or so few that hovering is cut off.
     """
     if sides < 3:
-        raise FlatsatError(f"sides = {sides}: must be at least 3")
+        raise refusal("sides", sides, "", "at least 3")
     g, tilt = limits.gravity, limits.tilt_max
     azimuth = 2.0 * np.pi * np.arange(sides) / sides
     slope = math.tan(tilt) * math.cos(math.pi / sides)
@@ -126,5 +126,5 @@ def inner_polytope(limits: InputSet, sides: int) -> Polytope:
         ]
     )
     if not (offsets > 0.0).all():
-        raise FlatsatError(f"sides = {sides}: so coarse a polytope leaves no room to hover; take more")
+        raise refusal("sides", sides, "", "more: so coarse a polytope leaves no room to hover")
     return Polytope(np.concatenate([pyramid, cap, [[0.0, 0.0, -1.0]]]), offsets)

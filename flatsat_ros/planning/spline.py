@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
 from flatsat_ros.base.arrays import finite_array
-from flatsat_ros.base.errors import FlatsatError, require_positive
+from flatsat_ros.base.errors import refusal, require_positive
 from flatsat_ros.flight.trajectory import Trajectory
 
 _DEGREE = 5
@@ -30,7 +30,7 @@ def spline_through(waypoints: ArrayLike, leg_time: float, yaw: float = 0.0) -> T
     """
     points = finite_array("waypoints", waypoints, 3)
     if points.ndim != 2 or len(points) < 2:
-        raise FlatsatError(f"waypoints have shape {points.shape}: must be (M, 3) with M >= 2")
+        raise refusal("shape of waypoints", points.shape, "", "(M, 3) with M >= 2")
     times = require_positive("leg_time", leg_time, "s") * np.arange(len(points))
     at_rest = [(order, np.zeros(3)) for order in (1, 2)]
     spline = make_interp_spline(times, points, k=_DEGREE, bc_type=(at_rest, at_rest))

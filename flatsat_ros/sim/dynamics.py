@@ -13,7 +13,7 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.constants import GRAVITY
-from flatsat_ros.base.errors import require
+from flatsat_ros.base.errors import require, require_fields, require_not_negative, require_positive
 from flatsat_ros.crazyflie.vehicle import AttitudeResponse, Dynamics
 from flatsat_ros.law.flatness import acceleration_from_input
 
@@ -139,9 +139,9 @@ class Wind:
     gust_time: float = 1.0
 
     def __post_init__(self) -> None:
-        require(finite_array("mean", self.mean).shape == (3,), "mean", self.mean, "three velocities, m/s")
-        require(0.0 <= self.gust < np.inf, "gust", self.gust, "0 m/s or more")
-        require(0.0 < self.gust_time < np.inf, "gust_time", self.gust_time, "a finite time above 0 s")
+        require(finite_array("mean", self.mean).shape == (3,), "mean", self.mean, "m/s", "three velocities")
+        require_fields(self, require_not_negative, gust="m/s")
+        require_fields(self, require_positive, gust_time="s")
 
     def next_gust(self, gust: FloatArray, generator: np.random.Generator) -> FloatArray:
         """Return the deviation of the air velocity from its mean, (3,), m/s, one STEP later; exact for any STEP.

@@ -216,7 +216,7 @@ class Firmware:
         Raises:
             FlatsatError: the thrust does not fit the packet.
         """
-        require(0.0 <= thrust <= PWM_FULL, "thrust", thrust, f"0 to {PWM_FULL}")
+        require(0.0 <= thrust <= PWM_FULL, "thrust", thrust, "", f"from 0 to {PWM_FULL}")
         if not self.powered[index]:
             return
         if thrust < 1.0:  # 0 in the packet

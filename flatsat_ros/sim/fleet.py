@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.arrays import FloatArray, finite_array, require_each
 from flatsat_ros.base.constants import GRAVITY
-from flatsat_ros.base.errors import require
+from flatsat_ros.base.errors import require, require_not_negative, require_number
 from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile
 from flatsat_ros.crazyflie.wire import YawMode
 from flatsat_ros.sim.dynamics import STEP, Bodies, Ideal, Identified, Response, Wind
@@ -96,16 +96,16 @@ class SimulatedFleet:
         Raises:
             FlatsatError: an argument is out of its bounds.
         """
-        require(dynamics in ("identified", "ideal"), "dynamics", dynamics, "identified or ideal")
-        require(count >= 1, "count", count, "1 or more")
-        require(bool(np.isfinite(floor)), "floor", floor, "a finite height, m")
-        require(0.0 <= command_delay < np.inf, "command_delay", command_delay, "0 s or more")
+        require(dynamics in ("identified", "ideal"), "dynamics", dynamics, "", "identified or ideal")
+        require(count >= 1, "count", count, "", "at least 1")
+        require_number("floor", floor, "m")
+        require_not_negative("command_delay", command_delay, "s")
         if start is None:
             start = np.linspace((0.0, 0.0, floor), (0.5 * (count - 1), 0.0, floor), count)
         position = finite_array("start", start, 3)
-        require(position.shape == (count, 3), "start's shape", position.shape, str((count, 3)))
+        require(position.shape == (count, 3), "shape of start", position.shape, "", str((count, 3)))
         scale = _per_drone("thrust_scale", thrust_scale, count)
-        require(bool((scale > 0.0).all()), "thrust_scale", scale, "above 0")
+        require_each(scale > 0.0, "thrust_scale", scale, "", "above 0")
 
         ideal = dynamics == "ideal"
         response: Response = Ideal() if ideal else Identified(profile.dynamics)
@@ -122,7 +122,7 @@ class SimulatedFleet:
         self._delay = command_delay + (0.0 if ideal else profile.delay)
         self._wind = wind or Wind()
         self._gust = np.zeros(3)
-        require(stream >= 0, "stream", stream, "0 or more")
+        require(stream >= 0, "stream", stream, "", "at least 0")
         gusts, *capturing = np.random.SeedSequence(seed).spawn(2 + stream)
         self._gusts = np.random.default_rng(gusts)
         self._recorder = Recorder(capture or MotionCapture(), np.random.default_rng(capturing[stream]))
@@ -150,7 +150,7 @@ class SimulatedFleet:
             FlatsatError: no such drone, or a thrust that no packet can carry. Angles may be NaN: see firmware.
         """
         self._check(index)
-        require(0.0 <= thrust_pwm <= PWM_FULL, "thrust_pwm", thrust_pwm, f"0 to {PWM_FULL}")
+        require(0.0 <= thrust_pwm <= PWM_FULL, "thrust_pwm", thrust_pwm, "", f"from 0 to {PWM_FULL}")
         self._send(partial(self.firmware.receive, index, roll, pitch, yaw, thrust_pwm))
 
     def take_off(self, index: int, height: float, duration: float, yaw: float | None = None) -> None:
@@ -191,9 +191,9 @@ class SimulatedFleet:
         """
         self._check(index)
         place = finite_array("position", position, 3)
-        require(place.shape == (3,), "position's shape", place.shape, "(3,)")
-        require(bool(np.isfinite(yaw)), "yaw", yaw, "a finite angle, rad")
-        _check_duration(duration)
+        require(place.shape == (3,), "shape of position", place.shape, "", "(3,)")
+        require_number("yaw", yaw, "rad")
+        require_not_negative("duration", duration, "s")
         self._send(partial(self.firmware.high_level.go_to, index, place.copy(), yaw, duration, relative))
 
     def notify_setpoints_stop(self, index: int) -> None:
@@ -215,7 +215,7 @@ class SimulatedFleet:
 
     def advance_to(self, time: float) -> None:
         """Integrate to an absolute time, s; times already passed are an error."""
-        require(self._now <= time < np.inf, "time", time, f"{self._now} s, the present, or later")
+        require(self._now <= time < np.inf, "time", time, "s", f"{self._now} s, the present, or later")
         self._now = time
         last = int(np.floor(time / STEP + _ROUNDING))
         while self._step < last:
@@ -259,23 +259,19 @@ class SimulatedFleet:
     ) -> tuple[int, float, float, float | None]:
         """Return the arguments of a take-off or a landing, checked."""
         self._check(index)
-        require(bool(np.isfinite(height)), "height", height, "a finite height, m")
-        require(yaw is None or bool(np.isfinite(yaw)), "yaw", yaw, "a finite angle, rad, or None")
-        _check_duration(duration)
+        require_number("height", height, "m")
+        if yaw is not None:
+            require_number("yaw", yaw, "rad")
+        require_not_negative("duration", duration, "s")
         return index, height, duration, yaw
 
     def _check(self, index: int) -> None:
         """Refuse an index outside the fleet."""
-        require(0 <= index < self.count, "index", index, f"0 to {self.count - 1}")
-
-
-def _check_duration(duration: float) -> None:
-    """Refuse a duration that no trajectory can have."""
-    require(0.0 <= duration < np.inf, "duration", duration, "0 s or more, finite")
+        require(0 <= index < self.count, "index", index, "", f"from 0 to {self.count - 1}")
 
 
 def _per_drone(name: str, value: ArrayLike, count: int) -> FloatArray:
     """Return a scalar or (N,) value as (N,)."""
     array = finite_array(name, value)
-    require(array.shape in ((), (count,)), f"{name}'s shape", array.shape, f"() or ({count},)")
+    require(array.shape in ((), (count,)), f"shape of {name}", array.shape, "", f"() or ({count},)")
     return np.broadcast_to(array, count)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flatsat_ros.base.arrays import BoolArray, FloatArray
-from flatsat_ros.base.errors import require
+from flatsat_ros.base.errors import require, require_fields, require_not_negative, require_positive
 from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile
 from flatsat_ros.sim.dynamics import STEP
 
@@ -32,9 +32,9 @@ class Battery:
     drain: float = 0.0
 
     def __post_init__(self) -> None:
-        require(0.0 < self.voltage < np.inf, "voltage", self.voltage, "a finite voltage above 0 V")
-        require(0.0 <= self.sag < self.voltage, "sag", self.sag, f"0 V to below the voltage, {self.voltage} V")
-        require(0.0 <= self.drain < np.inf, "drain", self.drain, "0 V/s or more")
+        require_fields(self, require_positive, voltage="V")
+        require_fields(self, require_not_negative, sag="V", drain="V/s")
+        require(self.sag < self.voltage, "sag", self.sag, "V", f"below the voltage, {self.voltage} V")
 
 
 class PowerTrain:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.errors import require
+from flatsat_ros.base.errors import require, require_fields, require_not_negative, require_positive
 
 _ROUNDING = 1e-9  # s: times closer than this are the same
 
@@ -49,11 +49,10 @@ class MotionCapture:
     latency: float = 0.0
 
     def __post_init__(self) -> None:
-        require(0.0 < self.rate < np.inf, "rate", self.rate, "a finite rate above 0 Hz")
-        require(0.0 <= self.noise < np.inf, "noise", self.noise, "0 m or more")
-        require(0.0 <= self.dropout <= 1.0, "dropout", self.dropout, "a probability, 0 to 1")
-        require(all(start <= end for start, end in self.gaps), "gaps", self.gaps, "pairs of start and end, s")
-        require(0.0 <= self.latency < np.inf, "latency", self.latency, "0 s or more")
+        require_fields(self, require_positive, rate="Hz")
+        require_fields(self, require_not_negative, noise="m", latency="s")
+        require(0.0 <= self.dropout <= 1.0, "dropout", self.dropout, "", "a probability, from 0 to 1")
+        require(all(start <= end for start, end in self.gaps), "gaps", self.gaps, "s", "pairs of start and end")
 
 
 class Recorder:

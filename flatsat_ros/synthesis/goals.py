@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from tqdm import tqdm
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.certificate.sets import Sets
@@ -42,10 +42,8 @@ def corners(errors: ArrayLike) -> FloatArray:
     """
     errors = finite_array("cover", errors)
     if errors.shape not in ((3,), (6,)) or (errors < 0.0).any() or not errors.any():
-        raise FlatsatError(
-            f"cover = {errors.tolist()}: must be 3 or 6 magnitudes of at least 0 and not all 0, DX,DY,DZ[,VX,VY,VZ] in "
-            "m and m/s"
-        )
+        valid = "3 or 6 magnitudes of at least 0 and not all 0, DX,DY,DZ[,VX,VY,VZ]"
+        raise refusal("cover", errors.tolist(), "m and m/s", valid)
     full = np.zeros(6)
     full[: len(errors)] = errors
     signs = [(1, 1, 1, side, side, up) for side, up in product((1, -1), repeat=2)]

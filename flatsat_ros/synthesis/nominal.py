@@ -18,7 +18,7 @@ import numpy as np
 import flatsat_ros
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
-from flatsat_ros.base.errors import FlatsatError, require_positive
+from flatsat_ros.base.errors import FlatsatError, require, require_number, require_positive
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
 from flatsat_ros.certificate.sampled_loop import Timing
@@ -98,11 +98,12 @@ def synthesize(
         FlatsatError: the timing leaves no admissible gain, the solver gave no optimal answer, or its answer and the
             closed form differ by more than `TOLERANCE`.
     """
-    rate, period = require_positive("rate (alpha)", rate, "1/s"), require_positive("period (h)", period, "s")
-    if not _RATE_RANGE[0] <= rate <= _RATE_RANGE[1]:
-        raise FlatsatError(f"rate (alpha) = {rate:.6g} 1/s: must lie in [{_RATE_RANGE[0]}, {_RATE_RANGE[1]}]")
-    if not 0.0 < lowest <= 1.0 <= highest:
-        raise FlatsatError(f"lowest = {lowest}, highest = {highest}: must satisfy 0 < lowest <= 1 <= highest")
+    rate, period = (
+        require_number("rate (alpha)", rate, "1/s", *_RATE_RANGE),
+        require_positive("period (h)", period, "s"),
+    )
+    require(0.0 < lowest <= 1.0, "lowest", lowest, "", "above 0 and at most 1")
+    require(highest >= 1.0, "highest", highest, "", "at least 1")
     timing = Timing(period, lag, delay)
     block, ball = closed_form_block(rate), limits.inner_radius**2
     if timing.immediate:

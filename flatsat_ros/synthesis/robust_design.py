@@ -23,7 +23,7 @@ from scipy.optimize import minimize_scalar
 import flatsat_ros
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.constants import GRAVITY
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError, refusal, require
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lyapunov import largest_relative_eigenvalue
 from flatsat_ros.certificate.robust import Robust, gathered_disturbance
@@ -73,8 +73,10 @@ def synthesize_robust(
             and closed form disagree.
     """
     drift, push = finite_array("drift", drift, 2), finite_array("push", push, 2)
-    if drift.shape != (2,) or push.shape != (2,) or min(*drift, *push) < 0.0:
-        raise FlatsatError(f"drift = {drift.tolist()} and push = {push.tolist()}: must be two numbers >= 0 each")
+    for name, pair, unit in (("drift", drift, "m/s"), ("push", push, "m/s^2")):
+        require(
+            pair.shape == (2,) and bool((pair >= 0.0).all()), name, pair.tolist(), unit, "two numbers of at least 0"
+        )
     if not (drift.any() or push.any()):
         raise FlatsatError("drift and push are all 0: a robust certificate needs a disturbance")
     box = largest_box(limits)
@@ -82,9 +84,8 @@ def synthesize_robust(
     if rate is None:
         rate = largest
     elif not max(smallest, 1e-3) <= rate <= largest:
-        raise FlatsatError(
-            f"rate (beta) = {rate:.6g} 1/s: must lie in [{max(smallest, 1e-3):.6g}, {largest:.6g}] for this disturbance"
-        )
+        interval = f"from {max(smallest, 1e-3):.6g} to {largest:.6g} 1/s for this disturbance"
+        raise refusal("rate (beta)", rate, "1/s", interval)
     check = _cross_check(box, drift, push, rate, largest)
     blocks = closed_form_blocks(rate, drift, push)
     timing = Timing(period)
@@ -142,7 +143,7 @@ def closed_form_blocks(rate: float, drift: FloatArray, push: FloatArray) -> tupl
     for e2, m2 in zip(drift**2, push**2, strict=True):
         q = 2.0 / rate - m2 / rate**2
         if q <= e2:
-            raise FlatsatError(f"rate (beta) = {rate:.6g} 1/s: no Q exists for the drift {math.sqrt(e2)} m/s")
+            raise refusal("rate (beta)", rate, "1/s", f"smaller: no Q exists for the drift {math.sqrt(e2):.6g} m/s")
         # the inverse of Q, whose determinant is q (q - e2) / beta^2
         blocks.append(np.array([[rate**2 * q, rate * q], [rate * q, 2.0 * q - e2]]) / (q * (q - e2)))
     return blocks[0], blocks[1]
@@ -159,10 +160,8 @@ def rate_interval(box: FloatArray, drift: FloatArray, push: FloatArray) -> tuple
         v2 = float(width) ** 2
         q = (2.0 + v2 * e2 + math.sqrt(4.0 + (v2 * e2) ** 2)) / (2.0 * v2)
         if q * m2 > 1.0:
-            raise FlatsatError(
-                f"push = {math.sqrt(m2):.6g} m/s^2 on {axis}: must be at most {math.sqrt(1.0 / q):.6g} m/s^2 with a "
-                f"drift of {math.sqrt(e2):.6g} m/s"
-            )
+            most = f"at most {math.sqrt(1.0 / q):.6g} m/s^2 with a drift of {math.sqrt(e2):.6g} m/s"
+            raise refusal(f"push on {axis}", math.sqrt(m2), "m/s^2", most)
         root = math.sqrt(1.0 - q * m2)
         # the smaller root of q beta^2 - 2 beta + m2, without cancellation
         low, high = max(low, float(m2 / (1.0 + root))), min(high, float((1.0 + root) / q))
@@ -269,10 +268,10 @@ def robust_sets(
     level = limits.inner_radius**2 / max(slope, slope_vertical)
     floor, _ = smallest_floor(timing, blocks, drift, push, (1.0,))
     if not floor <= level:
-        raise FlatsatError(
-            f"period (h) = {timing.period} s: under this disturbance the sampled loop stays in V <= {floor:.4g} only, "
-            f"must be at most eps = {level:.4g}; choose a shorter period, a smaller rate or a smaller disturbance"
+        valid = (
+            f"at most eps = {level:.4g}: choose a shorter period than {timing.period} s, a smaller rate or disturbance"
         )
+        raise refusal("level in which the disturbed sampled loop stays", floor, "", valid)
     # a larger gain may lift the floor up to here
     return Sets(limits, *blocks, slope, slope_vertical, level, 1.0, min(level, _FLOOR_GROWTH * floor))
 

@@ -42,15 +42,21 @@ def test_the_enabled_robots_come_in_the_order_of_the_file(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("robots: [cf1]", "must have a mapping `robots`"),
-        ("- cf1", "must have a mapping `robots`"),
+        ("robots: [cf1]", r"robots = \['cf1'\]: must be a mapping from names to settings"),
+        ("- cf1", "robots = None: must be a mapping"),
         ("robots: {cf1: true}", r"robots\.cf1 = True: must be a mapping"),
         ("robots: {cf1: {enabled: 1}}", r"robots\.cf1\.enabled = 1: must be true or false"),
-        ("robots: {cf1: {enabled: false}}", "none of the robots cf1 is enabled"),
-        ("robots: {cf1: {initial_position: [0, 0]}}", r"robots\.cf1: initial_position has shape \(2,\)"),
-        ("robots: {cf1: {initial_position: [0, .nan, 0]}}", r"robots\.cf1: initial_position contains nan"),
-        ("robots: {cf1: {initial_position: [[0, 0, 0]]}}", r"initial_position has shape \(1, 3\): must be \[x, y, z\]"),
-        ("robots: {cf1: {initial_position: here}}", r"robots\.cf1: could not convert"),
+        ("robots: {cf1: {enabled: false}}", r"robots = \['cf1'\]: must be at least one that is enabled"),
+        (
+            "robots: {cf1: {initial_position: [0, 0]}}",
+            r"shape of robots\.cf1\.initial_position = \(2,\): must be \(3,\)",
+        ),
+        ("robots: {cf1: {initial_position: [0, .nan, 0]}}", r"an entry of robots\.cf1\.initial_position = nan"),
+        ("robots: {cf1: {initial_position: [[0, 0, 0]]}}", r"initial_position = \(1, 3\): must be \(3,\): x, y, z"),
+        (
+            "robots: {cf1: {initial_position: here}}",
+            r"robots\.cf1\.initial_position = 'here': must be an array of numbers",
+        ),
         ("robots: {cf1: {", "cannot be read"),
     ],
 )

@@ -111,19 +111,19 @@ def test_times_and_thrust_must_be_positive_numbers(name: str, bad: float) -> Non
 
 def test_a_level_descent_may_not_climb_and_the_ground_must_be_somewhere() -> None:
     Policy(level_thrust=1.0)
-    with pytest.raises(FlatsatError, match=r"level_thrust is 1\.01 g: valid is at most 1 g"):
+    with pytest.raises(FlatsatError, match=r"level_thrust = 1\.01 g: must be at most 1 g"):
         Policy(level_thrust=1.01)
-    with pytest.raises(FlatsatError, match="ground_height is nan m"):
+    with pytest.raises(FlatsatError, match="ground_height = nan m"):
         Policy(ground_height=math.nan)
 
 
 def test_a_pose_older_than_the_estimate_predicts_is_never_flown_on() -> None:
     Policy(pose_timeout=PREDICTION_MAX)
-    with pytest.raises(FlatsatError, match=r"pose_timeout is 0\.51 s: valid is at most 0\.5 s"):
+    with pytest.raises(FlatsatError, match=r"pose_timeout = 0\.51 s: must be at most 0\.5 s"):
         Policy(pose_timeout=0.51)
 
 
 @pytest.mark.parametrize("bad", [-0.1, 0.51, math.nan])
 def test_a_thrust_error_beyond_all_reason_is_refused(bad: float) -> None:
-    with pytest.raises(FlatsatError, match=f"thrust_error_max is {bad}"):
+    with pytest.raises(FlatsatError, match=f"thrust_error_max = {bad}: must be a number from 0 to 0.5"):
         Policy(thrust_error_max=bad)

@@ -134,17 +134,17 @@ def test_what_is_not_finite_never_becomes_a_command(argument: str, bad: float) -
         memory = Memory(values["gain"])
         if argument == "gain" and bad == math.inf:
             continue  # an infinite gain is saturated like any other
-        with pytest.raises(FlatsatError, match="contains"):
+        with pytest.raises(FlatsatError, match=r"an entry of \w+ = (nan|inf): must be a finite number"):
             controller().step(memory, values["state"], values["yaw"], values["reference"])
 
 
 def test_wrong_shapes_and_references_outside_the_set_are_refused() -> None:
     law, memory = controller(), Memory(np.ones(1))
-    with pytest.raises(FlatsatError, match="state has shape"):
+    with pytest.raises(FlatsatError, match="shape of state = "):
         law.step(memory, np.zeros((1, 5)), np.zeros(1), np.zeros((1, 9)))
-    with pytest.raises(FlatsatError, match="reference has shape"):
+    with pytest.raises(FlatsatError, match="shape of reference = "):
         law.step(memory, np.zeros((1, 6)), np.zeros(1), np.zeros((1, 6)))
-    with pytest.raises(FlatsatError, match="lies outside the input set by"):
+    with pytest.raises(FlatsatError, match=r"base = .* m/s\^2: must be inside the input set, it is"):
         law.step(memory, np.zeros((1, 6)), np.zeros(1), [[0, 0, 0, 0, 0, 0, 0, 0, 6.0]])
 
 

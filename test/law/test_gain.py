@@ -75,14 +75,14 @@ def test_scalars_are_spread_and_nothing_can_be_changed_afterwards() -> None:
 @pytest.mark.parametrize(
     ("values", "text"),
     [
-        ((-0.1, 0.05, 1.0, 10.0), "adaptation_rate (mu) = -0.1: must be at least 0"),
-        ((1.0, 0.0, 1.0, 10.0), "threshold (V_inf) = 0: must be above 0"),
-        ((1.0, 0.05, 0.9, 10.0), "gain_initial (gamma_0) = 0.9: must lie in [1, gain_max] = [1, 10]"),
+        ((-0.1, 0.05, 1.0, 10.0), "adaptation_rate (mu) = -0.1 1/s: must be from 0 to 1e+12"),
+        ((1.0, 0.0, 1.0, 10.0), "threshold (V_inf) = 0.0: must be above 0, from 1e-12 to 1e+12"),
+        ((1.0, 0.05, 0.9, 10.0), "gain_initial (gamma_0) = 0.9: must be from 1 to gain_max = 10"),
         ((1.0, 0.05, 11.0, 10.0), "gain_initial (gamma_0) = 11"),
-        ((1.0, 0.05, 1.0, 0.5), "gain_max = 0.5: must be at least 1"),
+        ((1.0, 0.05, 1.0, 0.5), "gain_max = 0.5: must be from 1 to 1e+12"),
         (([1.0, -2.0], 0.05, 1.0, 10.0), "adaptation_rate (mu) = -2"),
-        ((math.nan, 0.05, 1.0, 10.0), "adaptation_rate contains nan"),
-        ((1.0, math.inf, 1.0, 10.0), "threshold contains inf"),
+        ((math.nan, 0.05, 1.0, 10.0), "an entry of adaptation_rate = nan"),
+        ((1.0, math.inf, 1.0, 10.0), "an entry of threshold = inf"),
         (([1.0, 2.0], [0.1, 0.1, 0.1], 1.0, 10.0), "give one value for all drones or one for each"),
     ],
 )

@@ -92,7 +92,7 @@ def victim(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
         connection = writer.add_connection("/cf1/pose", KIND, typestore=get_typestore(Stores.ROS2_JAZZY))
         for number in range(3):
             entry = recorded("/cf1/pose", number, 1_000 * number, 0.1 * number)
-            writer.write(connection, entry.time, entry.data)
+            writer.write(connection, entry.time, entry.cdr)
     return folder / request.param
 
 

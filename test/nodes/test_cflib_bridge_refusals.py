@@ -18,8 +18,11 @@ if TYPE_CHECKING:
     ("parameters", "reason"),
     [
         ({"uris": ["tcp://here"]}, "must be radio://"),
-        ({"uris": ["udp://127.0.0.1:1", "udp://localhost:1"], "robot_names": ["cf1", "cf2"]}, "given twice"),
-        ({"uris": ["udp://127.0.0.1:1"], "robot_names": ["cf1", "cf2"]}, "must have 2"),
+        ({"uris": ["udp://127.0.0.1:1", "udp://localhost:1"], "robot_names": ["cf1", "cf2"]}, "must be given once"),
+        (
+            {"uris": ["udp://127.0.0.1:1"], "robot_names": ["cf1", "cf2"]},
+            "entries of parameter uris = 1: must be 2: one per robot",
+        ),
         ({"robot_names": []}, "parameter robot_names = []: must be of type string array and not empty"),
         ({"rate": 500.0, "spacing": 0.01}, "to fit 1 streams"),
         ({"on_shutdown": "fall"}, "stop, land"),

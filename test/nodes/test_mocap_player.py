@@ -122,8 +122,12 @@ def test_a_bag_is_played_too(lab: Lab, tmp_path: Path) -> None:
         ("t,x\n1,2\n", {}, "line 1"),
         (",".join(COLUMNS) + "\n1,2,3,4,5,6,7,eight\n", {}, "line 2"),
         (",".join(COLUMNS) + "\n1,2,3,4,5,6,7,8\n", {"topic": "/pose"}, "must be empty for a CSV"),
-        (",".join(COLUMNS) + "\n1,2,3,4,5,6,7,8\n", {"rate": 0.0}, "must lie in"),
-        (",".join(COLUMNS) + "\n1,2,3,4,5,6,7,8\n", {"robot_name": "1cf"}, "must begin with a letter"),
+        (
+            ",".join(COLUMNS) + "\n1,2,3,4,5,6,7,8\n",
+            {"rate": 0.0},
+            "parameter rate = 0.0: must be from 0.001 to 1000.0",
+        ),
+        (",".join(COLUMNS) + "\n1,2,3,4,5,6,7,8\n", {"robot_name": "1cf"}, "the first a letter"),
     ],
 )
 def test_what_cannot_be_played_is_refused_in_one_line(

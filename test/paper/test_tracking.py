@@ -88,5 +88,5 @@ def test_what_leaves_nothing_over_is_refused() -> None:
         inner_polytope(LIMITS, 2)
     with pytest.raises(FlatsatError, match="must be above 0"):
         inner_polytope(LIMITS, SIDES).minus([[1.8, 0.0, 0.0]])
-    with pytest.raises(FlatsatError, match="outside the input set"):
+    with pytest.raises(FlatsatError, match="must be inside the input set"):
         hull_factor(LIMITS, [[3.0, 0.0, 0.0]], [1.0, 0.0, 0.0])

@@ -162,12 +162,12 @@ def test_a_smaller_rate_has_a_larger_set() -> None:
     ("arguments", "text"),
     [
         ((NONE, NONE, 0.01), "drift and push are all 0"),
-        (((-1.0, 0.0), NONE, 0.01), "must be two numbers >= 0 each"),
+        (((-1.0, 0.0), NONE, 0.01), "must be two numbers of at least 0"),
         (((1.0,), NONE, 0.01), "drift"),
-        ((NONE, (6.0, 0.0), 0.01), "push = 6 m/s^2 on x and y: must be at most 2.74386 m/s^2"),
+        ((NONE, (6.0, 0.0), 0.01), "push on x and y = 6.0 m/s^2: must be at most 2.74386 m/s^2"),
         (((math.sqrt(2.0), 0.0), NONE, 0.05), "must be at most eps"),
-        (((math.sqrt(2.0), 0.0), NONE, 0.1), "stays in V <= inf only"),
-        (((1.0, 0.0), NONE, 0.01, "x", None, 9.0), "rate (beta) = 9 1/s: must lie in"),
+        (((math.sqrt(2.0), 0.0), NONE, 0.1), "level in which the disturbed sampled loop stays = inf: must be"),
+        (((1.0, 0.0), NONE, 0.01, "x", None, 9.0), "rate (beta) = 9.0 1/s: must be from"),
     ],
 )
 def test_what_cannot_be_certified_is_refused(arguments: tuple[object, ...], text: str) -> None:

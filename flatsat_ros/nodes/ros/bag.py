@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flatsat_ros.base.errors import FlatsatError, one_line, quoted
+from flatsat_ros.base.errors import FlatsatError, one_line, refusal
 from flatsat_ros.base.files import check_regular, located, unreadable, unwritable
 from flatsat_ros.base.strict_yaml import read_yaml
 from flatsat_ros.identification.recording import POSES, Recording
@@ -41,14 +41,13 @@ def read_bag(path: str, topic: str = "") -> Recording:
             topics = {c.topic: c for c in reader.connections if c.msgtype == _KIND}
             chosen = topic or (next(iter(topics)) if len(topics) == 1 else "")
             if chosen not in topics:
-                valid = f"must be one of its {_KIND} topics: {', '.join(topics) or 'none'}"
-                raise FlatsatError(f"topic = {quoted(topic)}: {valid}")
+                raise refusal("topic", topic, "", f"one of its {_KIND} topics: {', '.join(topics) or 'none'}")
             entries = []
             for _, recorded, data in reader.messages([topics[chosen]]):
                 stamp, position, quaternion = messages.pose_from_cdr(bytes(data))
                 entries.append((stamp or recorded, position, quaternion))
                 if len(entries) > POSES:
-                    raise FlatsatError(f"it has more than {POSES} poses, the most that are read")
+                    raise refusal("number of poses", len(entries), "or more", f"at most {POSES}")
         first = entries[0][0] if entries else 0
         return Recording(
             np.array([(stamp - first) / messages.NANOSECONDS for stamp, _, _ in entries]),

@@ -21,7 +21,7 @@ from std_srvs.srv import SetBool
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.flight.trajectory import Trajectory
@@ -104,7 +104,7 @@ def yaw_from_quaternion(q: Quaternion) -> float:
         return 0.0
     yaw = float(np.arctan2(2.0 * (q.w * q.z + q.x * q.y), q.w**2 + q.x**2 - q.y**2 - q.z**2))
     if not np.isfinite(yaw):
-        raise FlatsatError(f"orientation ({q.x}, {q.y}, {q.z}, {q.w}): must be finite")
+        raise refusal("orientation", (q.x, q.y, q.z, q.w), "", "finite")
     return yaw
 
 
@@ -135,13 +135,12 @@ def trajectory_from_message(message: MultiDOFJointTrajectory, now: int, origin: 
         FlatsatError: a point lacks something, a value is not finite, times do not increase, or it does not end at rest.
     """
     if not message.points:
-        raise FlatsatError("the trajectory has no points: needed is at least one")
+        raise FlatsatError("the trajectory has no points: must have at least one")
     for number, point in enumerate(message.points):
         lengths = (len(point.transforms), len(point.velocities), len(point.accelerations))
         if lengths != (1, 1, 1):
-            raise FlatsatError(
-                f"point {number} has {lengths} transforms, velocities, accelerations: must be one of each (one joint)"
-            )
+            what = f"numbers of transforms, velocities and accelerations of point {number}"
+            raise refusal(what, lengths, "", "(1, 1, 1): the trajectory is that of one joint")
     start = nanoseconds_from_stamp(message.header.stamp) or now
     points = message.points
     return Trajectory.through(

@@ -10,7 +10,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot, read_crazyflies
 from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
 from flatsat_ros.crazyflie.wire import YawMode
@@ -50,15 +50,21 @@ def declare(
     try:
         value = node.declare_parameter(name, default, descriptor).value
     except InvalidParameterTypeException as error:
-        raise FlatsatError(f"parameter {name}: must be of type {kind}{hint} ({error})") from error
+        raise refusal(f"parameter {name}", _given(node, name), unit, f"of type {kind}{hint}") from error
     except InvalidParameterValueException as error:
-        valid = f" must lie in [{bounds[0]}, {bounds[1]}] {unit}" if bounds is not None else ""
-        raise FlatsatError(f"parameter {name}:{valid} ({error})") from error
+        valid = f"from {bounds[0]} to {bounds[1]}" if bounds is not None else f"another value ({error})"
+        raise refusal(f"parameter {name}", _given(node, name), unit, valid) from error
     except ParameterException as error:
         raise FlatsatError(f"parameter {name}: {error}") from error
     if value is None:  # what rclpy makes of an empty array, whatever the type of the parameter
         raise FlatsatError(f"parameter {name} = []: must be of type {kind} and not empty{hint}")
     return cast(T, value)
+
+
+def _given(node: Node, name: str) -> object:
+    """Return the value that a parameter was given at start, as far as it is known."""
+    given = node._parameter_overrides.get(name)
+    return None if given is None else given.value
 
 
 def declare_choice(node: Node, name: str, valid: type[E], meaning: str) -> E:
@@ -70,7 +76,7 @@ def declare_choice(node: Node, name: str, valid: type[E], meaning: str) -> E:
     words = [member.value for member in valid]
     value = declare(node, name, words[0], f"{meaning}: {', '.join(words)}")
     if value not in words:
-        raise FlatsatError(f"parameter {name} = {value!r}: must be one of {', '.join(words)}")
+        raise refusal(f"parameter {name}", value, "", f"one of {', '.join(words)}")
     return valid(value)
 
 
@@ -101,7 +107,7 @@ def require_float_or_unset(name: str, value: object) -> float | None:
     """
     if value is None or (isinstance(value, float)):
         return value
-    raise FlatsatError(f"parameter {name} = {value!r}: must be a floating-point number, written with a decimal point")
+    raise refusal(f"parameter {name}", value, "", "a floating-point number, written with a decimal point")
 
 
 def declare_robots(node: Node) -> list[Robot]:
@@ -173,11 +179,9 @@ def _require_robot_names(names: Sequence[str]) -> None:
     for name in names:
         plain = name.replace("_", "a")
         if not (plain.isascii() and plain.isalnum() and not plain[0].isdigit()):
-            raise FlatsatError(
-                f"robot name {name!r}: must begin with a letter and have only letters, digits and underscores"
-            )
+            raise refusal("robot name", name, "", "letters, digits and underscores, the first a letter")
     if "all" in names:
-        raise FlatsatError("robot name 'all': stands for all robots; choose another")
+        raise refusal("robot name", "all", "", "another: this one stands for all robots")
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise FlatsatError(f"robot name {twice[0]!r} is given twice: names must differ")
+        raise refusal("robot name", twice[0], "", "given once: names differ")
