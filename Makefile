@@ -17,7 +17,7 @@ NOBLE_SETUP := $(NOBLE)/.done
 
 unexport PYTHONPATH AMENT_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help setup build demo test test-noble bench reproduce falsify lint certificates clean
+.PHONY: help setup build demo test test-noble bench reproduce falsify faults lint certificates clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 16
@@ -57,6 +57,9 @@ reproduce: build  ## every number and figure of the paper, computed again, into 
 
 falsify: build  ## a million closed loops against certificates; ARGS="--runs 20000" and so on
 	$(SOURCED) $(EXECUTABLES)/falsify $(ARGS)
+
+faults: build  ## every fault in every phase of flight, into out/faults/; ARGS="--fault y_up" and so on
+	$(SOURCED) $(EXECUTABLES)/faults $(ARGS)
 
 certificates: build  ## the paper's certificates in config/, computed again
 	$(SOURCED) $(EXECUTABLES)/synthesize --paper all --output-dir config --force

@@ -50,6 +50,7 @@ setup(
             "demo = flatsat_ros.cli.demo:main",
             "reproduce = flatsat_ros.cli.reproduce:main",
             "falsify = flatsat_ros.cli.falsify:main",
+            "faults = flatsat_ros.cli.faults:main",
         ],
     },
 )

@@ -26,6 +26,7 @@ EXECUTABLES = [
     "controller",
     "demo",
     "falsify",
+    "faults",
     "mocap_player",
     "reproduce",
     "sim_drone",

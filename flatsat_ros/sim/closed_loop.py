@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Protocol
 
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
-from flatsat_ros.crazyflie.wire import WireSetpoint, setpoint_from_command
+from flatsat_ros.crazyflie.wire import WireSetpoint, YawMode, setpoint_from_command
 from flatsat_ros.flight.pilot import Pilot, Tick
-from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.sensor import Sample
 
 Observer = Callable[[float, list[Sample], Tick, dict[int, WireSetpoint]], None]
@@ -17,9 +17,30 @@ Observer = Callable[[float, list[Sample], Tick, dict[int, WireSetpoint]], None]
 _ROUNDING = 1e-6
 
 
+class Fleet(Protocol):
+    """What a pilot sees and reaches of the drones: a `SimulatedFleet`, or one behind faults."""
+
+    @property
+    def count(self) -> int:
+        """Number of drones, N."""
+
+    @property
+    def yaw_mode(self) -> YawMode:
+        """What the yaw of a set-point means."""
+
+    def advance_to(self, time: float) -> None:
+        """Let the drones fly to a time, s."""
+
+    def measurements(self, time: float) -> list[Sample]:
+        """Return the pose samples that arrived until a time, s; each is returned once."""
+
+    def command(self, index: int, roll: float, pitch: float, yaw: float, thrust_pwm: float) -> None:
+        """Send a set-point to a drone, see `SimulatedFleet.command`."""
+
+
 def fly(
     pilot: Pilot,
-    fleet: SimulatedFleet,
+    fleet: Fleet,
     vehicle: VehicleProfile,
     until: float,
     observe: Observer | None = None,

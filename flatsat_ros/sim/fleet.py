@@ -52,6 +52,7 @@ class SimulatedFleet:
         firmware: supervisor states, flags, `info()`; arming, emergency and recovery requests.
         bodies: the true state.
         power: battery voltages.
+        wind: may be changed between two steps.
     """
 
     def __init__(
@@ -120,7 +121,7 @@ class SimulatedFleet:
             self.firmware.start_flying(float(profile.pwm_from_thrust(GRAVITY)), heading)
         self._acceleration_of_force = scale / profile.mass
         self._delay = command_delay + (0.0 if ideal else profile.delay)
-        self._wind = wind or Wind()
+        self.wind = wind or Wind()
         self._gust = np.zeros(3)
         require(stream >= 0, "stream", stream, "", "at least 0")
         gusts, *capturing = np.random.SeedSequence(seed).spawn(2 + stream)
@@ -240,8 +241,8 @@ class SimulatedFleet:
             self.firmware.supervise(now, self.bodies.specific_force, self.power.ratio, self.power.voltage)
         angles, pwm, running = self.firmware.control(STEP, self.bodies.attitude[2, :, 0])
         thrust = self.power.step(pwm, running) * self._acceleration_of_force
-        self._gust = self._wind.next_gust(self._gust, self._gusts)
-        self.bodies.step(thrust, angles, self._gust + self._wind.mean)
+        self._gust = self.wind.next_gust(self._gust, self._gusts)
+        self.bodies.step(thrust, angles, self._gust + self.wind.mean)
         self._step += 1
         self._record()
 

@@ -16,9 +16,15 @@ import pytest
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.interrupts import STOPPING, signals_held
-from flatsat_ros.cli import demo, falsify, reproduce, shell, synthesize
+from flatsat_ros.cli import demo, falsify, faults, reproduce, shell, synthesize
 
-PROGRAMS = {"demo": demo.main, "falsify": falsify.main, "reproduce": reproduce.main, "synthesize": synthesize.main}
+PROGRAMS = {
+    "demo": demo.main,
+    "falsify": falsify.main,
+    "faults": faults.main,
+    "reproduce": reproduce.main,
+    "synthesize": synthesize.main,
+}
 CERTIFY = ["synthesize", "--thrust-max", "14"]
 HEADLESS = ["demo", "--headless", "--robots", "1", "--seconds", "4"]
 
@@ -92,14 +98,20 @@ def test_help_is_no_failure(program: str, capsys: pytest.CaptureFixture[str]) ->
 
 @pytest.mark.parametrize(
     ("program", "abbreviated"),
-    [("demo", "--outp=x"), ("falsify", "--work=1"), ("reproduce", "--out=x"), ("synthesize", "--thrust-max-=1.4")],
+    [
+        ("demo", "--outp=x"),
+        ("falsify", "--work=1"),
+        ("faults", "--work=1"),
+        ("reproduce", "--out=x"),
+        ("synthesize", "--thrust-max-=1.4"),
+    ],
 )
 def test_no_option_can_be_abbreviated(program: str, abbreviated: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert PROGRAMS[program]([abbreviated]) == 2
     assert refusal(capsys) == f"unrecognized arguments: {abbreviated}; see --help\n"
 
 
-@pytest.mark.parametrize("program", ["demo", "reproduce", "synthesize"])
+@pytest.mark.parametrize("program", ["demo", "faults", "reproduce", "synthesize"])
 def test_the_home_folder_of_nobody_is_refused(
     program: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -114,7 +126,7 @@ def test_a_home_folder_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert shell.path("~/x") == tmp_path / "x"
 
 
-@pytest.mark.parametrize("program", ["demo", "reproduce"])
+@pytest.mark.parametrize("program", ["demo", "faults", "reproduce"])
 @pytest.mark.parametrize("taken", ["file", "file/below", "/dev/null/below", "/proc/below"])
 def test_a_folder_that_cannot_be_made_is_refused_before_anything_is_computed(
     program: str, taken: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -127,7 +139,9 @@ def test_a_folder_that_cannot_be_made_is_refused_before_anything_is_computed(
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
 
 
-@pytest.mark.parametrize(("program", "file"), [("demo", "summary.json"), ("reproduce", "table.json")])
+@pytest.mark.parametrize(
+    ("program", "file"), [("demo", "summary.json"), ("faults", "table.json"), ("reproduce", "table.json")]
+)
 def test_a_file_that_cannot_be_written_is_refused_before_anything_is_computed(
     program: str, file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -151,6 +165,7 @@ def test_a_folder_that_must_not_be_written_is_refused(tmp_path: Path) -> None:
         ("falsify", ["--replay", "hold:1:1", "--runs", "1000000"], "--runs"),
         ("falsify", ["--replay", "hold:1:1", "--seed", "0", "--campaign", "hold"], "--campaign, --seed"),
         ("falsify", ["--replay", "hold:1:1", "--workers", "2", "--seconds", "9"], "--seconds, --workers"),
+        ("faults", ["--replay", "y_up:hover", "--workers", "2", "--output", "x"], "--output, --workers"),
         ("synthesize", ["--verify", "x.yaml", "--paper", "all"], "--paper"),
         ("synthesize", ["--verify", "x.yaml", "--force", "--plot", "x.png"], "--force, --plot"),
         ("synthesize", ["--paper", "all", "--cover", "1,1,1", "--output", "x.yaml"], "--cover, --output"),

@@ -1,0 +1,64 @@
+"""One fault of the matrix: what happens when, to whom, and what the drones must keep."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from flatsat_ros.falsification.faults.criteria import Bounds
+from flatsat_ros.falsification.faults.phases import CLIMBING, STANDING, Phase
+from flatsat_ros.falsification.faults.scene import Scene
+from flatsat_ros.sim.faults import CommandFault, PoseFault, of_drones
+
+Action = Callable[[Scene], None]
+
+ONE = (0,)  # the drone that has the fault
+ALL = (0, 1, 2)
+EARLY = -STANDING
+
+
+@dataclass(frozen=True, eq=False)
+class Fault:
+    """Something that goes wrong.
+
+    Attributes:
+        name: on the command line.
+        meaning: what goes wrong, in words.
+        steps: what happens, with the time since the beginning of the fault, s, in order.
+        bounds: what the drones with the fault must keep.
+        special: bounds in some phases instead.
+        victims: the drones with the fault.
+        fleet: arguments of the Scene: what is wrong from the first moment on.
+        since_take_off: in the take-off it begins so long after the drones were told to rise, s; EARLY for anything that
+            was set up wrong.
+        height: of the flight, m.
+        watched: for how long after the last step the drones are watched, s.
+    """
+
+    name: str
+    meaning: str
+    steps: tuple[tuple[float, Action], ...]
+    bounds: Bounds
+    special: Mapping[Phase, Bounds] = field(default_factory=dict)
+    victims: tuple[int, ...] = ONE
+    fleet: Mapping[str, Any] = field(default_factory=dict)
+    since_take_off: float = CLIMBING
+    height: float = 1.0
+    watched: float = 10.0
+
+
+def poses(make: Callable[[Scene], PoseFault], victims: tuple[int, ...] = ONE) -> Action:
+    """Return the action that begins a fault of the victims' poses."""
+    return lambda scene: scene.link.poses.append(of_drones(make(scene), *victims))
+
+
+def commands(make: Callable[[Scene], CommandFault]) -> Action:
+    """Return the action that begins a fault of the commands."""
+    return lambda scene: scene.link.commands.append(make(scene))
+
+
+def end(scene: Scene) -> None:
+    """End all faults of poses and commands."""
+    scene.link.poses.clear()
+    scene.link.commands.clear()

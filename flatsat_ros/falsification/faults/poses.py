@@ -1,0 +1,173 @@
+"""Faults of motion capture: poses that are missing, late, wrong, or somebody else's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+from flatsat_ros.falsification.faults.criteria import Bounds, End
+from flatsat_ros.falsification.faults.fault import ALL, EARLY, ONE, Action, Fault, end, poses
+from flatsat_ros.falsification.faults.phases import CLIMBING, Phase
+from flatsat_ros.falsification.faults.scene import Scene
+from flatsat_ros.sim import faults
+from flatsat_ros.sim.faults import PoseFault
+
+_POSE = r"pose"
+_SURVIVED = Bounds(End.DONE, distance=0.5)
+_TOLD_AND_SURVIVED = Bounds(End.DONE, told=_POSE)
+_DOWN = Bounds(End.DOWN, told=_POSE)
+_SAFE = Bounds(End.SAFE, told=_POSE)
+# a wrong sign is noticed within 0.3 m of a hover; the rest is the way to the floor
+_WRONG = Bounds(End.SAFE, told=r"pose|yaw|axis|sign|command|innovation|predict")
+_NO_TAKE_OFF = Bounds(End.GROUNDED, told=r"orientation|yaw")
+
+
+def _lost(_: Scene) -> PoseFault:
+    return faults.lost
+
+
+def _for(
+    seconds: float, make: Callable[[Scene], PoseFault], victims: tuple[int, ...] = ONE
+) -> tuple[tuple[float, Action], ...]:
+    return (0.0, poses(make, victims)), (seconds, end)
+
+
+def _loss(seconds: float, bounds: Bounds, victims: tuple[int, ...] = ONE, height: float = 1.0) -> Fault:
+    whose = "one drone" if victims is ONE else "all drones"
+    name = f"poses_lost_{seconds:g}s{'' if victims is ONE else '_all'}{'' if height == 1.0 else f'_{height:g}m'}"
+    above = "" if height == 1.0 else f", {height:g} m above the floor"
+    return Fault(
+        name,
+        f"no pose of {whose} for {seconds:g} s{above}",
+        _for(seconds, _lost, victims),
+        bounds,
+        victims=victims,
+        height=height,
+        watched=10.0 if seconds < 10.0 else 3.0,
+    )
+
+
+def _lasting(
+    name: str,
+    meaning: str,
+    make: Callable[[Scene], PoseFault],
+    bounds: Bounds,
+    *,
+    victims: tuple[int, ...] = ONE,
+    special: Mapping[Phase, Bounds] | None = None,
+    since_take_off: float = CLIMBING,
+) -> Fault:
+    step = (0.0, poses(make, victims))
+    return Fault(name, meaning, (step,), bounds, special or {}, victims=victims, since_take_off=since_take_off)
+
+
+POSE_FAULTS = (
+    _loss(0.2, _SURVIVED),
+    _loss(0.5, _TOLD_AND_SURVIVED),
+    _loss(1.0, _TOLD_AND_SURVIVED),
+    _loss(1.0, _TOLD_AND_SURVIVED, ALL),
+    _loss(3.0, _SAFE),
+    _loss(15.0, _DOWN),
+    _loss(15.0, _DOWN, ALL),
+    _loss(15.0, _DOWN, height=2.0),
+    _loss(15.0, _DOWN, height=3.0),
+    # beyond the height for which 1 m/s is promised
+    _loss(15.0, Bounds(End.DOWN, impact=1.5, told=_POSE), height=5.0),
+    Fault(
+        "poses_pause_take_off",
+        "a take-off is accepted, and in the same moment the poses pause for 0.5 s",
+        _for(0.5, _lost),
+        _TOLD_AND_SURVIVED,
+        since_take_off=0.0,
+    ),
+    _lasting("poses_half", "50 % of the poses are lost", lambda s: faults.thinned(0.5, s.seed), _SURVIVED),
+    _lasting("poses_tenth", "90 % of the poses are lost", lambda s: faults.thinned(0.9, s.seed), _SURVIVED),
+    _lasting(
+        "poses_tenth_all", "90 % of all poses are lost", lambda s: faults.thinned(0.9, s.seed), _SURVIVED, victims=ALL
+    ),
+    _lasting("poses_10hz", "10 poses in a second", lambda _: faults.slowed(10.0), _SURVIVED),
+    _lasting("poses_5hz", "5 poses in a second", lambda _: faults.slowed(5.0), _SURVIVED),
+    _lasting("poses_2hz", "2 poses in a second", lambda _: faults.slowed(2.0), _SAFE),
+    _lasting("poses_late_0.1s", "poses arrive 0.1 s late, stamps are right", lambda _: faults.delayed(0.1), _SURVIVED),
+    _lasting("poses_late_0.2s", "poses arrive 0.2 s late, stamps are right", lambda _: faults.delayed(0.2), _SAFE),
+    _lasting("poses_late_0.3s", "poses arrive 0.3 s late, stamps are right", lambda _: faults.delayed(0.3), _SAFE),
+    _lasting("poses_noisy", "noise of 5 mm", lambda s: faults.noisy(0.005, s.seed), _SURVIVED),
+    _lasting(
+        "poses_jumping", "every second one pose is 1 m off", lambda _: faults.jumping((1.0, 0.0, 0.0), 1.0), _SURVIVED
+    ),
+    _lasting("poses_shifted", "poses are 0.5 m off for good", lambda _: faults.moved((0.0, 0.5, 0.0)), _WRONG),
+    _lasting("poses_shifted_far", "poses are 3 m off for good", lambda _: faults.moved((0.0, 3.0, 0.0)), _WRONG),
+    _lasting(
+        "second_source",
+        "a second source, 1 m off, is heard in bursts of 0.5 s",
+        lambda _: faults.doubled((0.0, 1.0, 0.0), 0.5, 0.5),
+        _SAFE,
+    ),
+    _lasting(
+        "second_source_near",
+        "a second source, 5 cm off, is heard all the time",
+        lambda _: faults.doubled((0.05, 0.0, 0.0), 1.0, 0.0),
+        Bounds(End.SAFE, distance=0.5),
+    ),
+    Fault(
+        "position_nan_1s",
+        "positions are NaN for 1 s",
+        _for(1.0, lambda _: faults.without_position()),
+        _TOLD_AND_SURVIVED,
+    ),
+    _lasting("position_nan", "positions are NaN for good", lambda _: faults.without_position(), _DOWN),
+    _lasting(
+        "position_mm",
+        "positions are in millimetres",
+        lambda _: faults.scaled(1000.0),
+        _DOWN,
+        special={Phase.TAKE_OFF: _SAFE},
+        since_take_off=EARLY,
+    ),
+    Fault(
+        "poses_zero_1s",
+        "position and quaternion are 0 for 1 s: not seen",
+        _for(1.0, lambda _: faults.zeroed()),
+        _TOLD_AND_SURVIVED,
+    ),
+    _lasting("poses_zero", "position and quaternion are 0 for good: not seen", lambda _: faults.zeroed(), _DOWN),
+    Fault(
+        "poses_repeated_1s",
+        "the last pose again and again for 1 s, with fresh stamps",
+        _for(1.0, lambda _: faults.repeated()),
+        Bounds(End.SAFE),
+    ),
+    _lasting(
+        "poses_repeated", "the last pose again and again, with fresh stamps", lambda _: faults.repeated(), _DOWN
+    ),
+    _lasting(
+        "bodies_exchanged",
+        "two drones have each other's poses",
+        lambda _: faults.exchanged(0, 1),
+        Bounds(End.SAFE, told=r"pose|exchange|other|innovation|predict"),
+        victims=(0, 1),
+    ),
+    _lasting(
+        "yaw_reversed",
+        "orientations are 180 degrees off about z",
+        lambda _: faults.turned(math.pi),
+        _WRONG,
+        since_take_off=EARLY,
+    ),
+    _lasting(
+        "yaw_off_90deg",
+        "orientations are 90 degrees off about z",
+        lambda _: faults.turned(math.pi / 2.0),
+        _WRONG,
+        since_take_off=EARLY,
+    ),
+    _lasting("y_up", "motion capture's y points up", lambda _: faults.y_up(), _WRONG, since_take_off=EARLY),
+    _lasting(
+        "orientation_nan",
+        "orientations are NaN for good",
+        lambda _: faults.without_orientation(),
+        Bounds(End.SAFE, told=r"orientation|yaw"),
+        special={Phase.TAKE_OFF: _NO_TAKE_OFF},
+        since_take_off=EARLY,
+    ),
+)  # fmt: skip

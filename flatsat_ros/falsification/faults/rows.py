@@ -1,0 +1,182 @@
+"""The rows of the matrix: one fault in one phase, flown and judged."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Generator, Iterable, Sequence
+from copy import deepcopy
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.files import read_text, write_text
+from flatsat_ros.falsification.faults.criteria import broken
+from flatsat_ros.falsification.faults.fault import Fault
+from flatsat_ros.falsification.faults.phases import PLANS, STANDING, Phase
+from flatsat_ros.falsification.faults.scene import Scene
+from flatsat_ros.falsification.faults.table import ACCEPTED, FAULTS
+from flatsat_ros.falsification.workers import results_of
+
+SEED = 1
+_RESTING = 4.0  # s after which drones that stand on the floor are not watched any more
+_SLICE = 0.5  # s
+_PER_METRE = 5.0  # s more for every metre above the first
+_REMARKS = 6  # of a row, at most
+_BYTES_MAX = 10_000_000
+
+
+@dataclass(frozen=True)
+class Row:
+    """What came of one fault in one phase.
+
+    Attributes:
+        fault, phase: which.
+        passed: all bounds were kept.
+        accepted: one was not, and the page says why and what a user must do.
+        impact_m_s: largest speed at which a drone with the fault met the floor; None if none did.
+        distance_m: farthest that one of them was from its path; None if that is not a finite number.
+        said: what was told about them since the fault.
+        seed: of everything random.
+        separation_m: least distance of any two drones in the air; None if there was none.
+        broken: the bounds that were broken, as sentences.
+    """
+
+    fault: str
+    phase: str
+    passed: bool
+    accepted: bool
+    impact_m_s: float | None
+    distance_m: float | None
+    said: list[str]
+    seed: int
+    separation_m: float | None
+    broken: list[str]
+
+    @property
+    def failed(self) -> bool:
+        """Whether it broke a bound, and nothing says why it may."""
+        return not (self.passed or self.accepted)
+
+
+def fly_rows(wanted: Sequence[tuple[str, Phase]], workers: int) -> Generator[Row]:
+    """Yield the rows of faults, by name, in phases; see `results_of`."""
+    yield from results_of(_row, wanted, workers)
+
+
+def _row(which: tuple[str, Phase]) -> Row:
+    return fly_row(*which)
+
+
+def fly_row(name: str, phase: Phase, seed: int = SEED) -> Row:
+    """Fly one row."""
+    fault = FAULTS[name]
+    if fault.fleet or phase is Phase.TAKE_OFF:
+        return replay(name, phase, seed)[0]
+    return _finish(name, phase, deepcopy(_reached(phase, fault.height, seed)))
+
+
+def replay(name: str, phase: Phase, seed: int = SEED) -> tuple[Row, Scene]:
+    """Fly one row from its beginning, and return it with its flight, whose moments are kept."""
+    fault, plan = FAULTS[name], PLANS[phase]
+    scene = Scene(plan.starts, seed, keep=True, **fault.fleet)
+    if phase is not Phase.TAKE_OFF:
+        _reach(phase, scene, fault.height)
+        return _finish(name, phase, scene), scene
+    begin = STANDING + fault.since_take_off
+    _plan(scene, fault, begin)
+    _reach(phase, scene, fault.height)
+    return _judged(name, phase, scene, begin), scene
+
+
+@cache
+def _reached(phase: Phase, height: float, seed: int) -> Scene:
+    """Return a flight at the moment of the fault: the same for every fault that is not there before."""
+    scene = Scene(PLANS[phase].starts, seed)
+    _reach(phase, scene, height)
+    return scene
+
+
+def _reach(phase: Phase, scene: Scene, height: float) -> None:
+    with np.errstate(all="ignore"):  # what is not finite is judged, not warned of
+        scene.let_pass(STANDING)
+        PLANS[phase].reach(scene, height)
+
+
+def _finish(name: str, phase: Phase, scene: Scene) -> Row:
+    """Let the fault happen now."""
+    begin = scene.time
+    _plan(scene, FAULTS[name], begin)
+    return _judged(name, phase, scene, begin)
+
+
+def _plan(scene: Scene, fault: Fault, begin: float) -> None:
+    scene.plan(begin, lambda scene: scene.record.forget_touches())
+    for delay, action in fault.steps:
+        scene.plan(begin + delay, action)
+
+
+def _watch(scene: Scene, fault: Fault, begin: float) -> None:
+    """Fly on until nothing more is to be expected."""
+    last = begin + max((delay for delay, _ in fault.steps), default=0.0)
+    end = last + fault.watched + _PER_METRE * max(fault.height - 1.0, 0.0)
+    with np.errstate(all="ignore"):  # see _reach
+        while scene.time < end and scene.time - max(scene.record.resting_since, last) < _RESTING:
+            scene.let_pass(_SLICE)
+
+
+def _judged(name: str, phase: Phase, scene: Scene, begin: float) -> Row:
+    """Watch a flight since its fault to its end, and judge it."""
+    fault, record = FAULTS[name], scene.record
+    _watch(scene, fault, begin)
+    if not fault.steps:
+        begin = 0.0  # what was wrong from the first moment on may have been told of before
+    victims = [drone for drone in fault.victims if drone < scene.fleet.count]
+    bounds = fault.special.get(phase, fault.bounds)
+    remarks = [remark for remark in scene.remarks if remark.time >= begin]
+    problems = list(broken(scene, bounds, victims, remarks, lands=PLANS[phase].lands))
+    said = dict.fromkeys(f"drone {remark.drone}: {remark.text}" for remark in remarks if remark.drone in victims)
+    met = [float(record.impact[drone]) for drone in victims if record.met[drone]]
+    return Row(
+        fault=name,
+        phase=phase.value,
+        passed=not problems,
+        accepted=bool(problems) and (name, phase) in ACCEPTED,
+        impact_m_s=_rounded(max(met)) if met else None,
+        distance_m=_rounded(float(record.distance[victims].max())),
+        said=list(said)[:_REMARKS],
+        seed=scene.seed,
+        separation_m=_rounded(float(record.separation.min())),
+        broken=problems,
+    )
+
+
+def _rounded(value: float) -> float | None:
+    """Return a figure in millimetres or mm/s, None for one that is not finite."""
+    return round(value, 3) if math.isfinite(value) else None
+
+
+def save(rows: Iterable[Row], path: Path) -> None:
+    """Write rows as {"rows": [...]}.
+
+    Raises:
+        FlatsatError: the file cannot be written.
+    """
+    write_text(path, json.dumps({"rows": [asdict(row) for row in rows]}, indent=1, allow_nan=False) + "\n")
+
+
+def load(path: Path) -> list[Row]:
+    """Read what `save` wrote.
+
+    Raises:
+        FlatsatError: the file cannot be read or holds something else.
+    """
+    try:
+        entries: list[dict[str, Any]] = json.loads(read_text(path, _BYTES_MAX))["rows"]
+        return [Row(**entry) for entry in entries]
+    except (ValueError, TypeError, KeyError) as error:
+        raise FlatsatError(f"{path}: must be a table that faults wrote: {error}") from error

@@ -1,0 +1,76 @@
+"""Much work, one piece after the other or in worker processes; it comes to the same, in the same order."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from itertools import islice
+from typing import TypeVar
+
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.interrupts import signals_held
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def results_of(work: Callable[[Item], Result], items: Sequence[Item], workers: int) -> Generator[Result]:
+    """Yield what the work on the items comes to, in their order; what has not begun is dropped with the generator.
+
+    Args:
+        work: a function of a module, or a partial of one: worker processes import it.
+        items: what is worked on.
+        workers: processes; 1 for this one alone.
+
+    Raises:
+        FlatsatError: a worker process died.
+    """
+    if workers == 1:
+        yield from map(work, items)
+        return
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # one core for each worker, not for each matrix product
+    context = multiprocessing.get_context("spawn")
+    executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with_the_parent)
+    remaining, submitted = iter(items), deque[Future[Result]]()
+    try:
+        while True:
+            for item in islice(remaining, 2 * workers - len(submitted)):
+                with _deaf():
+                    submitted.append(executor.submit(work, item))
+            if not submitted:
+                return
+            yield submitted.popleft().result()
+    except BrokenProcessPool as error:
+        raise FlatsatError("a worker process died: was there enough memory for all --workers?") from error
+    finally:
+        with signals_held():
+            executor.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Let processes that start here be deaf to SIGINT and SIGHUP, which reach all of a terminal: this one ends them."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _end_with_the_parent() -> None:
+    """Let this worker end when its parent was killed, which ends no worker by itself."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def wait() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()

@@ -1,0 +1,52 @@
+"""The faults command: its files, its exit codes, and the one command that flies a row again."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from flatsat_ros.cli.faults import main
+
+KEYS = {"fault", "phase", "passed", "accepted", "impact_m_s", "distance_m", "said", "seed"}
+
+
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_rows_are_flown_and_written(workers: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--fault", "nothing", "--phase", "take-off", "--workers", workers, "--output", str(tmp_path / "out")]
+    assert main(arguments) == 0
+    assert re.match(r"1 rows: 1 passed, 0 accepted, 0 failed. In \d+ s; see ", capsys.readouterr().out)
+    (row,) = json.loads((tmp_path / "out" / "table.json").read_text(encoding="utf-8"))["rows"]
+    assert set(row) >= KEYS
+    assert (row["fault"], row["phase"], row["passed"]) == ("nothing", "take-off", True)
+    assert "| `nothing` |" in (tmp_path / "out" / "faults.md").read_text(encoding="utf-8")
+
+
+def test_a_replay_comes_to_the_same_as_the_row(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code = main(["--fault", "emergency", "--phase", "take-off", "--workers", "1", "--output", str(tmp_path)])
+    capsys.readouterr()
+    (row,) = json.loads((tmp_path / "table.json").read_text(encoding="utf-8"))["rows"]
+    assert code == (0 if row["passed"] or row["accepted"] else 1)
+    assert main(["--replay", f"emergency:take-off:{row['seed']}"]) == code
+    shown = capsys.readouterr().out
+    assert f"impact {row['impact_m_s']} m/s, distance {row['distance_m']} m" in shown
+    assert re.findall(r"^BROKEN: (.*)$", shown, re.MULTILINE) == row["broken"]
+    # the history: ends with the drone on the floor
+    assert re.search(r"^ *\d+\.\d\d +0 \w+ +-?\d\.\d{3} +-?\d\.\d{3} +0\.000", shown, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--replay", "nothing"],
+        ["--replay", "nothings:hover"],
+        ["--replay", "nothing:hovering"],
+        ["--replay", "nothing:hover:-1"],
+        ["--workers", "0"],
+    ],
+)
+def test_what_cannot_be_used_is_refused_in_one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(arguments) == 2
+    assert re.fullmatch(r"error: .* must be .*\n", capsys.readouterr().err)

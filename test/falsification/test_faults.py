@@ -1,0 +1,208 @@
+"""The matrix of faults: it measures what it says, sees a drone that does not react, and comes out the same again."""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flatsat_ros.base.constants import GRAVITY
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.falsification.faults import scene as scenes
+from flatsat_ros.falsification.faults.criteria import Bounds, End, broken
+from flatsat_ros.falsification.faults.page import cell, page
+from flatsat_ros.falsification.faults.phases import PLANS, Phase
+from flatsat_ros.falsification.faults.rows import Row, fly_row, load, replay, save
+from flatsat_ros.falsification.faults.scene import Record, Remark, Scene
+from flatsat_ros.falsification.faults.table import ACCEPTED, FAULTS
+from flatsat_ros.flight.pilot import Pilot, Tick
+from flatsat_ros.sim.fleet import SimulatedFleet
+
+PAIR = PLANS[Phase.HOVER].starts
+COORDINATE = st.floats(-3.0, 3.0)
+
+
+class Frozen(Pilot):
+    """A pilot that repeats its tick of the time when it last was told something, for ever."""
+
+    def tick(self, now: float) -> Tick:
+        tick = super().tick(now)
+        if now < 9.0:
+            self.kept = tick
+        return replace(self.kept, transitions=())
+
+
+def row(**changes: object) -> Row:
+    """A row that passed, with changes."""
+    figures = {"impact_m_s": 0.3, "distance_m": 0.25, "said": [], "seed": 1, "separation_m": 1.0, "broken": []}
+    return Row(**{"fault": "y_up", "phase": "hover", "passed": True, "accepted": False, **figures, **changes})  # type: ignore[arg-type]
+
+
+def flown() -> Scene:
+    """Two drones in a hover."""
+    scene = Scene(PAIR, 1)
+    scene.let_pass(1.0)
+    PLANS[Phase.HOVER].reach(scene, 1.0)
+    return scene
+
+
+@pytest.fixture(scope="module")
+def hover() -> Scene:
+    return flown()
+
+
+def problems(scene: Scene, bounds: Bounds, *, lands: bool = False) -> list[str]:
+    return list(broken(scene, bounds, (0,), scene.remarks, lands=lands))
+
+
+def test_the_matrix_is_as_large_as_it_should_be() -> None:
+    assert len(FAULTS) >= 55
+    assert [phase.value for phase in Phase] == ["hover", "moving", "take-off", "landing", "swap"]
+    assert all(name == fault.name and fault.meaning for name, fault in FAULTS.items())
+    assert all(list(fault.steps) == sorted(fault.steps, key=lambda step: step[0]) for fault in FAULTS.values())
+    assert set(ACCEPTED) <= {(name, phase) for name in FAULTS for phase in Phase}
+
+
+def test_a_flight_without_a_fault_passes_and_comes_out_the_same_in_another_process() -> None:
+    here = fly_row("nothing", Phase.HOVER)
+    assert here.passed, here.broken
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
+        assert executor.submit(fly_row, "nothing", Phase.HOVER).result() == here
+    assert fly_row("nothing", Phase.HOVER, seed=2).distance_m != here.distance_m
+
+
+@pytest.mark.parametrize("phase", [Phase.LANDING, Phase.SWAP])
+def test_a_row_that_begins_in_the_middle_of_a_flight_comes_to_what_its_replay_does(phase: Phase) -> None:
+    for name in ("poses_lost_1s", "hand_over"):
+        assert fly_row(name, phase) == replay(name, phase)[0]
+
+
+@pytest.mark.parametrize("name", ["poses_lost_15s", "y_up", "wind_6", "emergency_reboot"])
+def test_a_drone_that_does_not_react_fails(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scenes, "Pilot", Frozen)
+    result, _ = replay(name, Phase.HOVER)
+    assert not result.passed
+    silent = ["nothing was told" in problem for problem in result.broken]
+    assert any(silent)
+    assert not all(silent)
+
+
+def test_a_controller_that_raises_has_ended_and_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    def tick(self: Pilot, now: float) -> Tick:
+        raise ZeroDivisionError("by the tick")
+
+    monkeypatch.setattr(Pilot, "tick", tick)
+    result, _ = replay("nothing", Phase.TAKE_OFF)
+    assert result.broken[0] == "the controller ended: ZeroDivisionError: by the tick"
+
+
+def test_the_impact_is_the_speed_of_the_fall() -> None:
+    height = 1.3
+    fleet = SimulatedFleet(scenes.load_vehicle("cf21"), 1, dynamics="ideal", start=[[0.0, 0.0, height]])
+    record = Record(fleet, 0.0)
+    for step in range(1, 500):
+        fleet.advance_to(0.002 * step)
+        record.look()
+    assert record.met[0]
+    assert record.impact[0] == pytest.approx(math.sqrt(2.0 * GRAVITY * height), abs=0.002 * GRAVITY)
+    assert record.distance[0] < 1e-9
+
+
+@given(
+    corners=st.lists(st.tuples(COORDINATE, COORDINATE), min_size=1, max_size=4),
+    point=st.tuples(COORDINATE, COORDINATE),
+    share=st.floats(0.0, 1.0),
+)
+def test_the_distance_to_a_path_is_the_least_to_its_places(
+    corners: list[tuple[float, float]], point: tuple[float, float], share: float
+) -> None:
+    path, place = np.array(corners), np.array(point)
+    distance = scenes._distance_to_path(place, path)
+    for begin, end in zip(path, path[1:] if len(path) > 1 else path, strict=False):
+        between = begin + share * (end - begin)
+        assert distance <= np.linalg.norm(place - between) + 1e-9
+        assert scenes._distance_to_path(between, path) <= 1e-9
+    places = np.vstack(
+        [
+            begin + np.linspace(0.0, 1.0, 2001)[:, np.newaxis] * (end - begin)
+            for begin, end in zip(path, np.roll(path, -1, axis=0)[: max(len(path) - 1, 1)], strict=False)
+        ]
+    )
+    assert distance == pytest.approx(float(np.linalg.norm(places - place, axis=1).min()), abs=0.01)
+
+
+def test_a_hover_keeps_its_bounds_and_breaks_each_that_is_too_narrow(hover: Scene) -> None:
+    assert problems(hover, Bounds(End.DONE)) == []
+    assert problems(hover, Bounds(End.SAFE)) == []
+    for narrow, text in [
+        (Bounds(End.DONE, distance=0.0), "off its path"),
+        (Bounds(End.DONE, separation=1.5), "came within"),
+        (Bounds(End.DONE, told="never told"), "nothing was told of drone 0"),
+        (Bounds(End.DONE, arrival=0.0), "from its goal"),
+        (Bounds(End.DOWN), "ends in the air, motors on, in FLY"),
+        (Bounds(End.GROUNDED), "rose to 1.0"),
+    ]:
+        assert any(text in problem for problem in problems(hover, narrow)), text
+    assert problems(hover, Bounds(End.DONE), lands=True) != []
+
+
+@pytest.mark.parametrize("figure", ["impact", "distance", "separation"])
+def test_what_is_not_a_number_breaks_its_bound(figure: str) -> None:
+    scene = Scene(PAIR, 1)
+    widest = Bounds(End.GROUNDED, impact=math.inf, distance=math.inf, separation=0.0)
+    assert [problem for problem in problems(scene, widest) if "drone 0" in problem] == []
+    getattr(scene.record, figure)[0] = math.nan
+    scene.record.met[0] = True
+    assert any("nan" in problem for problem in problems(scene, widest))
+
+
+def test_a_place_that_is_not_a_number_is_noted() -> None:
+    scene = Scene(PAIR, 1)
+    scene.fleet.bodies.position[0] = math.nan
+    scene.let_pass(0.1)
+    found = problems(scene, Bounds(End.SAFE, distance=math.inf))
+    assert any("nan m off its path" in problem for problem in found)
+
+
+def test_only_what_was_told_of_the_drone_itself_counts(hover: Scene) -> None:
+    bounds = Bounds(End.DONE, told="pose")
+    for drone, holds in ((0, True), (1, False)):
+        told = [Remark(9.0, drone, "no fresh POSE")]
+        assert (list(broken(hover, bounds, (0,), told, lands=False)) == []) is holds
+
+
+def test_who_rises_again_after_the_floor_does_not_stand() -> None:
+    scene = Scene(PAIR, 1)
+    assert problems(scene, Bounds(End.DOWN))[:1] != ["drone 0"]
+    scene.record.relaunched[0] = True
+    assert any("risen from the floor again" in problem for problem in problems(scene, Bounds(End.DOWN)))
+
+
+def test_rows_come_back_from_their_file(tmp_path: Path) -> None:
+    rows = [row(), row(passed=False, broken=["it fell"], impact_m_s=None)]
+    save(rows, tmp_path / "table.json")
+    assert load(tmp_path / "table.json") == rows
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"rows": [{"fault": "y_up"}]}', '{"rows": 3}'])
+def test_what_is_no_table_is_refused(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "table.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(FlatsatError, match=r"must be a table that faults wrote"):
+        load(path)
+
+
+def test_the_page_shows_every_row_and_marks_what_broke() -> None:
+    rows = [row(), row(phase="swap", passed=False, broken=["it fell"], impact_m_s=4.0, distance_m=None)]
+    shown = page(rows)
+    assert "2 rows: 1 passed, 0 accepted, 1 failed." in shown
+    assert "| `y_up` | motion capture's y points up | 0.30, 0.25 | **4.00, -** |" in shown
+    assert "- `y_up:swap`: it fell" in shown
+    assert cell(replace(rows[1], accepted=True)) == "4.00, - (accepted)"
