@@ -2,28 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
-from tqdm import tqdm
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint, input_from_setpoint
+from flatsat_ros.demo.choreography import Stage, perform
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
-from flatsat_ros.demo.scenario import (
-    BAR,
-    CLIMB_TIME,
-    GAMMA_0,
-    GATHER_TIME,
-    LANDING_LATEST,
-    LANDING_TIME,
-    MU,
-    POSE_NOISE,
-    STANDING_TIME,
-    V_INF,
-    VEHICLE,
-    Scenario,
-    record_of,
-)  # fmt: skip
+from flatsat_ros.demo.scenario import GAMMA_0, MU, POSE_NOISE, V_INF, VEHICLE, Scenario, record_of
 from flatsat_ros.flight import telemetry
 from flatsat_ros.flight.pilot import Pilot, Tick
 from flatsat_ros.flight.supervisor import Mode, Policy
@@ -35,58 +23,106 @@ from flatsat_ros.sim.sensor import MotionCapture, Sample
 
 
 def fly(scenario: Scenario) -> FlightRecord:
-    """Fly on simulated time in this process: take off, gather, swap, land."""
-    count = len(scenario.robots)
-    vehicle = load_vehicle(VEHICLE)
-    certificate = scenario.certificate
-    policy = Policy(disturbance_max=scenario.disturbance_max)
-    pilot = Pilot(certificate, Tuning(MU, V_INF, GAMMA_0, certificate.gain_max, restart=False), policy, count)
-    fleet = SimulatedFleet(
-        vehicle, count, dynamics=scenario.dynamics, start=scenario.start, capture=MotionCapture(noise=POSE_NOISE)
-    )
-    poses: list[list[list[float]]] = [[] for _ in range(count)]
-    ticks: list[list[FloatArray]] = [[] for _ in range(count)]
-    commands: list[list[list[float]]] = [[] for _ in range(count)]
-    start = STANDING_TIME + CLIMB_TIME
-    end = start + scenario.duration
-    total = end + LANDING_TIME
+    """Fly on simulated time in this process.
 
-    with tqdm(total=round(total, 1), unit="s", desc="simulated", bar_format=BAR) as bar:
-
-        def observe(now: float, samples: list[Sample], tick: Tick, sent: dict[int, WireSetpoint]) -> None:
-            for sample in samples:
-                poses[sample.drone].append([sample.stamp, *sample.position])
-            for i, row in enumerate(telemetry.rows(tick)):
-                ticks[i].append(np.array([now, *row]))
-            for i, setpoint in sent.items():
-                commands[i].append([now, *input_from_setpoint(setpoint, vehicle)])
-            bar.update(min(now, total) - bar.n)
-
-        def let_pass(begin: float, until: float) -> None:
-            fly_simulated(pilot, fleet, vehicle, until, observe, start=begin)
-
-        let_pass(0.0, STANDING_TIME)
-        for i in range(count):
-            pilot.take_off(i, scenario.height)
-        let_pass(STANDING_TIME, STANDING_TIME + GATHER_TIME)
-        for i, position in enumerate(scenario.gathering):
-            pilot.set_reference(i, Trajectory.hold(position))
-        let_pass(STANDING_TIME + GATHER_TIME, start)
-        for i, swap in enumerate(scenario.swaps):
-            pilot.set_reference(i, swap.shifted(start))
-        now = end + certificate.period
-        let_pass(start, now)
-        for i in range(count):
-            pilot.land(i)
-        while (pilot.mode != Mode.IDLE).any() and now < end + LANDING_LATEST:
-            let_pass(now, now + certificate.period)
-            now += certificate.period
-        bar.update(total - bar.n)
-
+    Raises:
+        FlatsatError: a drone did not take off, or did not arrive at its first way-point.
+    """
+    stage = _Simulation(scenario)
+    start = perform(scenario, stage)
     robots = {
         name: RobotRecord(
-            np.array(poses[i]), np.array(ticks[i]), np.array(commands[i]), scenario.swaps[i].shifted(start)
+            np.array(stage.poses[i]),
+            np.array(stage.ticks[i]),
+            np.array(stage.commands[i]),
+            scenario.swaps[i].shifted(start),
         )
         for i, name in enumerate(scenario.robots)
     }
     return record_of(scenario, robots, start)
+
+
+class _Simulation(Stage):
+    """Pilot and simulated fleet; a step is a tick.
+
+    Attributes:
+        poses: of each drone so far: stamp s, x, y, z m.
+        ticks: of each drone so far: time s, telemetry.
+        commands: for each drone so far: time s, T m/s^2, phi, theta rad, yaw rate rad/s.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__()
+        count, certificate = len(scenario.robots), scenario.certificate
+        self._scenario = scenario
+        self._vehicle = load_vehicle(VEHICLE)
+        tuning = Tuning(MU, V_INF, GAMMA_0, certificate.gain_max, restart=False)
+        self._pilot = Pilot(certificate, tuning, Policy(disturbance_max=scenario.disturbance_max), count)
+        self._fleet = SimulatedFleet(
+            self._vehicle,
+            count,
+            dynamics=scenario.dynamics,
+            start=scenario.start,
+            capture=MotionCapture(noise=POSE_NOISE),
+        )
+        self._next = 0  # number of the next tick
+        self.poses: list[list[list[float]]] = [[] for _ in range(count)]
+        self.ticks: list[list[FloatArray]] = [[] for _ in range(count)]
+        self.commands: list[list[list[float]]] = [[] for _ in range(count)]
+
+    def now(self) -> float:
+        """Return the time of the next tick, s."""
+        return self._next * self._scenario.certificate.period
+
+    def step(self) -> None:
+        """Fly one tick."""
+        now = self.now()
+        self._next += 1
+        fly_simulated(self._pilot, self._fleet, self._vehicle, self.now(), self._observe, start=now)
+
+    def _observe(self, now: float, samples: list[Sample], tick: Tick, sent: dict[int, WireSetpoint]) -> None:
+        for sample in samples:
+            self.poses[sample.drone].append([sample.stamp, *sample.position])
+        for i, row in enumerate(telemetry.rows(tick)):
+            self.ticks[i].append(np.array([now, *row]))
+        for i, setpoint in sent.items():
+            self.commands[i].append([now, *input_from_setpoint(setpoint, self._vehicle)])
+
+    def arm(self) -> None:
+        """Arm all drones."""
+        for i in range(self._fleet.count):
+            self._pilot.arm(i, True)
+
+    def take_off(self) -> None:
+        """Let all drones take off."""
+        for i in range(self._fleet.count):
+            self._pilot.take_off(i, self._scenario.height)
+
+    def send_goals(self, places: FloatArray) -> None:
+        """Send all drones to places (N, 3), m."""
+        for i, place in enumerate(places):
+            self._pilot.set_reference(i, Trajectory.hold(place))
+
+    def send_trajectories(self, trajectories: Sequence[Trajectory], lead: float) -> float:
+        """Send each drone a trajectory that begins in `lead` seconds; return when that is, s."""
+        start = self.now() + lead
+        for i, trajectory in enumerate(trajectories):
+            self._pilot.set_reference(i, trajectory.shifted(start))
+        return start
+
+    def land(self) -> None:
+        """Let all drones land."""
+        for i in range(self._fleet.count):
+            self._pilot.land(i)
+
+    def away(self, places: FloatArray, distance: float) -> list[str]:
+        """Return the names of the drones that are farther than a distance, m, from their places (N, 3), m."""
+        positions = np.array([poses[-1][1:] for poses in self.poses])
+        return self._names(np.linalg.norm(positions - places, axis=1) > distance)
+
+    def in_use(self) -> list[str]:
+        """Return the names of the drones that the pilot still commands."""
+        return self._names(self._pilot.mode != Mode.IDLE)
+
+    def _names(self, chosen: np.ndarray) -> list[str]:
+        return [name for name, is_one in zip(self._scenario.robots, chosen, strict=True) if is_one]

@@ -3,38 +3,21 @@
 from __future__ import annotations
 
 import os
-import signal
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING
 
-from tqdm import tqdm
-
+from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.vehicle import load_vehicle
+from flatsat_ros.demo.choreography import Stage, perform
+from flatsat_ros.demo.processes import Nodes, commands_of, require_alive, running
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
-from flatsat_ros.demo.scenario import (
-    BAR,
-    CLIMB_TIME,
-    GAMMA_0,
-    GATHER_TIME,
-    LANDING_LATEST,
-    LANDING_TIME,
-    MU,
-    POSE_NOISE,
-    STANDING_TIME,
-    V_INF,
-    VEHICLE,
-    Scenario,
-    record_of,
-)  # fmt: skip
+from flatsat_ros.demo.scenario import VEHICLE, Scenario, record_of
 from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from flatsat_ros.nodes.conductor import Conductor
@@ -44,11 +27,7 @@ NAMESPACE = "/demo"
 BAG = "bag"  # in the folder of the results
 _DISCOVERY = 30.0  # s, until all nodes must have found each other
 _LISTENING = 1.0  # s, in which another demo would be noticed
-_LEAD = 0.5  # s, from sending the trajectories to their start
-_GOODBYE = 5.0  # s, that a node has to end by itself
 _SLICE = 0.02  # s
-_GATHERED = 0.15  # m, from its first way-point, that a drone may be when the swap begins
-_LATE = 20.0  # s, that a stalled machine may be late with the climb
 _ANSWER = 10.0  # s, that the answer of a service may take
 _READY = 10.0  # s, after which a drone that still may not take off fails the flight
 _AGAIN = 0.5  # s, after which a take-off is asked for again; modes are known by then
@@ -58,7 +37,7 @@ def require_ros() -> None:
     """Refuse to fly where ROS is not to be had.
 
     Raises:
-        FlatsatError: a library is missing, most often for no ROS is sourced.
+        FlatsatError: a library is missing, most often because no ROS is sourced.
     """
     try:
         import_module("flatsat_ros.nodes.conductor")
@@ -72,7 +51,7 @@ def fly(scenario: Scenario, folder: Path) -> FlightRecord:
 
     Raises:
         FlatsatError: the nodes did not find each other, one died, another demo is running, the controller refused to
-            arm, take off or land, or a drone did not land.
+            arm, take off or land, or a drone did not arrive at its first way-point.
     """
     from flatsat_ros.nodes.conductor import conducting
     from flatsat_ros.nodes.ros.bag import write_bag
@@ -81,10 +60,11 @@ def fly(scenario: Scenario, folder: Path) -> FlightRecord:
     vehicle = load_vehicle(VEHICLE)
     with conducting(scenario.robots, NAMESPACE) as conductor:
         _listen_for_others(conductor)
-        with _nodes(_commands(scenario), folder / "log") as nodes:
-            begin = _conduct(scenario, conductor, nodes)
+        with running(commands_of(scenario, NAMESPACE), folder / "log") as nodes:
+            stage = _Live(conductor, nodes)
+            stage.wait_for_nodes()
+            start = perform(scenario, stage)
         write_bag(folder / BAG, conductor.recorded)
-        start = conductor.seconds(begin)
         robots = {
             name: RobotRecord(
                 conductor.poses(name), conductor.ticks(name), conductor.commands(name, vehicle), swap.shifted(start)
@@ -92,85 +72,6 @@ def fly(scenario: Scenario, folder: Path) -> FlightRecord:
             for name, swap in zip(scenario.robots, scenario.swaps, strict=True)
         }
     return record_of(scenario, robots, start)
-
-
-def _commands(scenario: Scenario) -> dict[str, list[str]]:
-    """Return the command line of every node, by name."""
-
-    def node(module: str, parameters: dict[str, str]) -> list[str]:
-        settings = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
-        program = [sys.executable, "-m", f"flatsat_ros.nodes.{module}"]
-        return [*program, "--ros-args", "-r", f"__ns:={NAMESPACE}", *settings]
-
-    commands = {
-        "controller": node(
-            "controller_node",
-            {
-                "robot_names": f"[{','.join(scenario.robots)}]",
-                "certificate": str(scenario.certificate_path.resolve()),
-                "vehicle": VEHICLE,
-                "mu": repr(MU),
-                "v_inf": repr(V_INF),
-                "gamma_0": repr(GAMMA_0),
-                "takeoff_height": repr(scenario.height),
-                "restart_gain": "false",
-                "disturbance_max": repr(scenario.disturbance_max),
-            },
-        )
-    }
-    for i, (robot, start) in enumerate(zip(scenario.robots, scenario.start.tolist(), strict=True)):
-        commands[f"sim_drone_{robot}"] = node(
-            "sim_drone",
-            {
-                "robot_names": f"[{robot}]",
-                "vehicle": VEHICLE,
-                "dynamics": scenario.dynamics,
-                "start_positions": str(start),
-                "position_noise": repr(POSE_NOISE),
-                "seed": str(i),
-            },
-        )
-    return commands
-
-
-@contextmanager
-def _nodes(commands: dict[str, list[str]], logs: Path) -> Iterator[dict[str, subprocess.Popen[bytes]]]:
-    """Start the processes, each with its own log file, and end them, whatever happens in between.
-
-    Raises:
-        FlatsatError: a process that was still running at the end did not leave by itself with exit code 0.
-    """
-    logs.mkdir(parents=True, exist_ok=True)
-    running: dict[str, subprocess.Popen[bytes]] = {}
-    try:
-        for name, command in commands.items():
-            with (logs / f"{name}.log").open("wb") as log:
-                running[name] = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
-        yield running
-    except BaseException:
-        _stop(running)
-        raise
-    left = _stop(running)
-    if left:
-        raise FlatsatError(f"{', '.join(left)} did not end cleanly; see {logs}")
-
-
-def _stop(running: dict[str, subprocess.Popen[bytes]]) -> list[str]:
-    """End all processes and return the names of those that did not leave by themselves with exit code 0."""
-    for process in running.values():
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
-    deadline = time.monotonic() + _GOODBYE
-    unclean = []
-    for name, process in running.items():
-        try:
-            process.wait(max(0.0, deadline - time.monotonic()))
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-        if process.returncode != 0:
-            unclean.append(f"{name} (exit code {process.returncode})")
-    return unclean
 
 
 def _listen_for_others(conductor: Conductor) -> None:
@@ -184,104 +85,95 @@ def _listen_for_others(conductor: Conductor) -> None:
             )
 
 
-@dataclass(frozen=True)
-class _Watch:
-    """Waits in flight: messages come in, the bar moves, and the nodes must live.
+class _Live(Stage):
+    """The nodes, asked and heard through the conductor; a step lets messages come in, and all nodes must live."""
 
-    Attributes:
-        conductor: hears and asks.
-        nodes: the processes by name.
-        bar: s flown.
-    """
+    def __init__(self, conductor: Conductor, nodes: Nodes) -> None:
+        super().__init__()
+        self._conductor = conductor
+        self._nodes = nodes
 
-    conductor: Conductor
-    nodes: dict[str, subprocess.Popen[bytes]]
-    bar: tqdm[NoReturn]
+    def now(self) -> float:
+        """Return the time of a clock that nobody sets, s."""
+        return time.monotonic()
 
-    def let_pass(self, seconds: float) -> None:
-        """Wait that long."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            self._look()
-
-    def until_none(self, left: Callable[[], list[str]], seconds: float, complaint: str) -> None:
-        """Wait until nobody is left.
+    def step(self) -> None:
+        """Let messages come in.
 
         Raises:
-            FlatsatError: who is left after that time, with the complaint.
+            FlatsatError: a node died.
         """
-        end = time.monotonic() + seconds
-        while names := left():
-            if time.monotonic() > end:
-                raise FlatsatError(f"{complaint} after {seconds:g} s: {', '.join(names)}")
-            self._look()
+        self._conductor.spin(_SLICE)
+        require_alive(self._nodes)
 
-    def ask(self, name: str, *who: str) -> str:
+    def wait_for_nodes(self) -> None:
+        """Wait until all nodes have found each other.
+
+        Raises:
+            FlatsatError: they have not in time.
+        """
+        with self.progress(_DISCOVERY, "waiting for the nodes", leave=False):
+            if not self.wait_until(lambda: not self._conductor.missing(), _DISCOVERY):
+                raise FlatsatError(f"not heard of after {_DISCOVERY:g} s: {', '.join(self._conductor.missing())}")
+
+    def _ask(self, name: str, *who: str) -> str:
         """Ask the controller to arm, takeoff or land one robot, or all; return why it refused, nothing if it did not.
 
         Raises:
             FlatsatError: no answer came in time.
         """
-        answer = self.conductor.ask(name, *who)
-        self.until_none(lambda: [] if answer.done() else [name], _ANSWER, "no answer of the controller")
-        return self.conductor.refusal(answer)
+        answer = self._conductor.ask(name, *who)
+        if not self.wait_until(answer.done, _ANSWER):
+            raise FlatsatError(f"no answer of the controller to {name} after {_ANSWER:g} s")
+        return self._conductor.refusal(answer)
 
-    def demand(self, name: str) -> None:
+    def _demand(self, name: str) -> None:
         """Ask for all robots.
 
         Raises:
             FlatsatError: the controller refused, or no answer came in time.
         """
-        if refusal := self.ask(name):
+        if refusal := self._ask(name):
             raise FlatsatError(refusal)
 
-    def _look(self) -> None:
-        begin = time.monotonic()
-        self.conductor.spin(_SLICE)
-        for name, process in self.nodes.items():
-            if process.poll() is not None:
-                raise FlatsatError(f"node {name} died in flight with exit code {process.returncode}; see its log")
-        self.bar.update(min(time.monotonic() - begin, self.bar.total - self.bar.n))
+    def arm(self) -> None:
+        """Arm all drones."""
+        self._demand("arm")
 
+    def take_off(self) -> None:
+        """Ask for all robots, then again for each that was not ready: its pose unknown yet, or its lock still opening.
 
-def _take_off(watch: _Watch) -> None:
-    """Ask for all robots, then again for each that was not ready: its pose not known yet, or its lock still opening.
+        Raises:
+            FlatsatError: the controller still refuses.
+        """
+        end = self.now() + _READY
+        refusals = [self._ask("takeoff")]
+        while any(refusals):
+            if self.now() > end:
+                raise FlatsatError("; ".join(filter(None, refusals)))
+            self.let_pass(_AGAIN)
+            refusals = [self._ask("takeoff", robot) for robot in self._conductor.robots_in(Mode.IDLE, Mode.UNLOCK)]
 
-    Raises:
-        FlatsatError: the controller still refuses.
-    """
-    end = time.monotonic() + _READY
-    refusals = [watch.ask("takeoff")]
-    while any(refusals):
-        if time.monotonic() > end:
-            raise FlatsatError("; ".join(filter(None, refusals)))
-        watch.let_pass(_AGAIN)
-        refusals = [watch.ask("takeoff", robot) for robot in watch.conductor.robots_in(Mode.IDLE, Mode.UNLOCK)]
+    def send_goals(self, places: FloatArray) -> None:
+        """Send all drones to places (N, 3), m."""
+        for i, place in enumerate(places.tolist()):
+            self._conductor.send_goal(i, place)
 
+    def send_trajectories(self, trajectories: Sequence[Trajectory], lead: float) -> float:
+        """Send each drone a trajectory that begins in `lead` seconds; return when that is on the record's clock, s."""
+        start = self._conductor.now() + round(lead * 1e9)
+        for i, trajectory in enumerate(trajectories):
+            self._conductor.send_trajectory(i, trajectory, start)
+        return self._conductor.seconds(start)
 
-def _conduct(scenario: Scenario, conductor: Conductor, nodes: dict[str, subprocess.Popen[bytes]]) -> int:
-    """Wait for the nodes, take off, gather, swap, land; return when the swap began, ns."""
-    with tqdm(total=_DISCOVERY, unit="s", desc="waiting for the nodes", bar_format=BAR, leave=False) as bar:
-        _Watch(conductor, nodes, bar).until_none(conductor.missing, _DISCOVERY, "not heard of")
-    total = STANDING_TIME + CLIMB_TIME + scenario.duration + LANDING_TIME
-    with tqdm(total=total, unit="s", desc="taking off", bar_format=BAR) as bar:
-        watch = _Watch(conductor, nodes, bar)
-        watch.demand("arm")
-        watch.let_pass(STANDING_TIME)
-        _take_off(watch)
-        watch.let_pass(GATHER_TIME)
-        for i, position in enumerate(scenario.gathering.tolist()):
-            conductor.send_goal(i, position)
-        watch.let_pass(CLIMB_TIME - _LEAD - GATHER_TIME)
-        where = f"not within {_GATHERED:g} m of its place"
-        watch.until_none(lambda: conductor.away(scenario.gathering, _GATHERED), _LATE, where)
-        start = conductor.now() + round(_LEAD * 1e9)
-        for i, swap in enumerate(scenario.swaps):
-            conductor.send_trajectory(i, swap, start)
-        bar.set_description_str("swapping")
-        watch.let_pass(_LEAD + scenario.duration)
-        bar.set_description_str("landing")
-        watch.demand("land")
-        watch.until_none(lambda: conductor.robots_in(*set(Mode) - {Mode.IDLE}), LANDING_LATEST, "did not land")
-        bar.update(total - bar.n)
-    return start
+    def land(self) -> None:
+        """Let all drones land."""
+        self._demand("land")
+
+    def away(self, places: FloatArray, distance: float) -> list[str]:
+        """Return the names of the drones that are farther than a distance, m, from their places (N, 3), m."""
+        return self._conductor.away(places, distance)
+
+    def in_use(self) -> list[str]:
+        """Return the names of the drones that the controller still commands."""
+        return self._conductor.robots_in(*set(Mode) - {Mode.IDLE})

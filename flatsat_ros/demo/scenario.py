@@ -19,18 +19,10 @@ from flatsat_ros.flight.trajectory import Trajectory
 _PAPER_WAYPOINTS = np.array([[0.0, -0.6, 1.0], [0.6, 0.6, 1.0], [-0.6, 0.6, 1.0]])
 _NEIGHBOUR_DISTANCE = 1.25  # m, between neighbours on the ring that replaces the triangle for more drones
 LEG_TIME = 4.0  # s from one way-point to the next; the paper prints none
-STANDING_TIME = 1.0  # s on the floor, in which the controller gets to know all poses
-GATHER_TIME = 3.0  # s from the take-off to the goals that gather the drones at their first way-points
-CLIMB_TIME = 6.0  # s from the take-off to the start of the swap
-LANDING_TIME = 8.0  # s from the end of the swap until the controller is silent again
-LANDING_LATEST = 40.0  # s after the end of the swap at which a drone that still flies did not land
 MU, V_INF, GAMMA_0 = 2.0, 0.05, 1.0  # Table III
 VEHICLE = "cf21"
 POSE_NOISE = 5e-4  # m, of the simulated motion capture
 DISTURBANCE_MAX = 0.8  # m/s^2, of an offset-free flight
-
-# time flown, time left
-BAR = "{desc} {bar} {n:.1f}/{total:.1f} {unit}"
 
 
 @dataclass(frozen=True, eq=False)

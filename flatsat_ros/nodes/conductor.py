@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -17,6 +16,8 @@ from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
 from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.interrupts import signals_held
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.crazyflie.wire import input_from_setpoint
 from flatsat_ros.flight.supervisor import Mode
@@ -43,12 +44,21 @@ class Conductor(Node):
         recorded: all messages so far, in order of arrival.
     """
 
-    def __init__(self, robots: Sequence[str], namespace: str, executor: Executor) -> None:
-        """Connect to the topics of the robots below the namespace; messages come in through the executor."""
+    def __init__(
+        self, robots: Sequence[str], namespace: str, executor: Executor, deliver_signals: Callable[[], None]
+    ) -> None:
+        """Connect to the topics of the robots.
+
+        Args:
+            robots: names.
+            namespace: below which they are.
+            executor: through which messages come in.
+            deliver_signals: called whenever they have.
+        """
         super().__init__("flatsat_demo", namespace=namespace)
         self._robots = list(robots)
         self._executor = executor
-        self._interrupted = False
+        self._deliver_signals = deliver_signals
         self.recorded: list[Recorded] = []
         self._newest: dict[str, bytes] = {}  # message by topic
         goal, trajectory = interfaces.GOAL, interfaces.TRAJECTORY
@@ -139,12 +149,7 @@ class Conductor(Node):
         end = self.now() + round(seconds * messages.NANOSECONDS)
         while self.now() < end:
             self._executor.spin_once(timeout_sec=seconds)
-            if self._interrupted:
-                raise KeyboardInterrupt
-
-    def interrupt(self) -> None:
-        """Let the next spin end with a KeyboardInterrupt."""
-        self._interrupted = True
+            self._deliver_signals()
 
     def seconds(self, nanoseconds: int) -> float:
         """Return a time as seconds after the first recorded message."""
@@ -181,21 +186,26 @@ def _row(data: bytes) -> FloatArray:
 
 @contextmanager
 def conducting(robots: Sequence[str], namespace: str) -> Iterator[Conductor]:
-    """Run a conductor in this process; an interrupt is raised where messages are let in.
+    """Run a conductor in this process; signals that stop it are delivered where messages are let in.
 
-    Raised wherever it comes, a KeyboardInterrupt can get lost, as in a finalizer: a demo once flew on.
+    Raised wherever it comes, an exception can get lost, as in a finalizer: a demo once flew on.
+
+    Raises:
+        FlatsatError: ROS does not start as it is set up.
     """
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    executor = EventsExecutor()
-    try:
-        conductor = Conductor(robots, namespace, executor)
-        executor.add_node(conductor)
-        before = signal.signal(signal.SIGINT, lambda *_: conductor.interrupt())
+    with signals_held() as deliver:
         try:
-            yield conductor
+            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        except RuntimeError as error:  # RCLError, as of a ROS_DOMAIN_ID that is no number
+            raise FlatsatError(f"ROS does not start: {error}") from error
+        executor = EventsExecutor()
+        try:
+            conductor = Conductor(robots, namespace, executor, deliver)
+            executor.add_node(conductor)
+            try:
+                yield conductor
+            finally:
+                conductor.destroy_node()
         finally:
-            signal.signal(signal.SIGINT, before)
-            conductor.destroy_node()
-    finally:
-        executor.shutdown()
-        rclpy.try_shutdown()
+            executor.shutdown()
+            rclpy.try_shutdown()

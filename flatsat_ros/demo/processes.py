@@ -1,0 +1,114 @@
+"""The nodes of a live flight as processes: their command lines, their start and their end."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.demo.scenario import GAMMA_0, MU, POSE_NOISE, V_INF, VEHICLE, Scenario
+
+_GOODBYE = 5.0  # s, that a node has to end by itself
+
+Nodes = Mapping[str, "subprocess.Popen[bytes]"]
+
+
+def commands_of(scenario: Scenario, namespace: str) -> dict[str, list[str]]:
+    """Return the command line of every node by name: one controller, and a sim_drone for each drone."""
+
+    def node(module: str, parameters: dict[str, str]) -> list[str]:
+        settings = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
+        program = [sys.executable, "-m", "flatsat_ros.demo.leashed", f"flatsat_ros.nodes.{module}"]
+        return [*program, "--ros-args", "-r", f"__ns:={namespace}", *settings]
+
+    commands = {
+        "controller": node(
+            "controller_node",
+            {
+                "robot_names": f"[{','.join(scenario.robots)}]",
+                "certificate": str(scenario.certificate_path.resolve()),
+                "vehicle": VEHICLE,
+                "mu": repr(MU),
+                "v_inf": repr(V_INF),
+                "gamma_0": repr(GAMMA_0),
+                "takeoff_height": repr(scenario.height),
+                "restart_gain": "false",
+                "disturbance_max": repr(scenario.disturbance_max),
+            },
+        )
+    }
+    for i, (robot, start) in enumerate(zip(scenario.robots, scenario.start.tolist(), strict=True)):
+        commands[f"sim_drone_{robot}"] = node(
+            "sim_drone",
+            {
+                "robot_names": f"[{robot}]",
+                "vehicle": VEHICLE,
+                "dynamics": scenario.dynamics,
+                "start_positions": str(start),
+                "position_noise": repr(POSE_NOISE),
+                "seed": str(i),
+            },
+        )
+    return commands
+
+
+@contextmanager
+def running(commands: Mapping[str, list[str]], logs: Path) -> Iterator[Nodes]:
+    """Start the processes, each with its own log file, and end them, whatever happens in between.
+
+    They are no members of the terminal's group: Ctrl-C reaches this process alone, which then ends them.
+
+    Raises:
+        FlatsatError: a process that was still running at the end did not leave by itself with exit code 0.
+    """
+    logs.mkdir(parents=True, exist_ok=True)
+    started: dict[str, subprocess.Popen[bytes]] = {}
+    try:
+        for name, command in commands.items():
+            with (logs / f"{name}.log").open("wb") as log:
+                started[name] = subprocess.Popen(
+                    command, stdin=subprocess.PIPE, stdout=log, stderr=log, start_new_session=True
+                )
+        yield started
+    except BaseException:
+        _end(started)
+        raise
+    unclean = _end(started)
+    if unclean:
+        raise FlatsatError(f"{', '.join(unclean)} did not end cleanly; see {logs}")
+
+
+def require_alive(nodes: Nodes) -> None:
+    """Refuse to go on without one of the processes.
+
+    Raises:
+        FlatsatError: one has ended.
+    """
+    for name, process in nodes.items():
+        if process.poll() is not None:
+            raise FlatsatError(f"node {name} died in flight with exit code {process.returncode}; see its log")
+
+
+def _end(nodes: Nodes) -> list[str]:
+    """End all processes and return the names of those that did not leave by themselves with exit code 0."""
+    for process in nodes.values():
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+    deadline = time.monotonic() + _GOODBYE
+    unclean = []
+    for name, process in nodes.items():
+        try:
+            process.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        if process.stdin is not None:
+            process.stdin.close()
+        if process.returncode != 0:
+            unclean.append(f"{name} (exit code {process.returncode})")
+    return unclean
