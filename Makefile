@@ -17,17 +17,19 @@ NOBLE_SETUP := $(NOBLE)/.done
 
 unexport PYTHONPATH AMENT_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help setup build demo test test-noble bench reproduce falsify faults lint certificates clean
+.PHONY: help setup build demo test test-noble bench reproduce falsify faults lint docs certificates clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 16
 
-setup: $(SETUP)  ## .venv from pinned requirements; PYTHON=python3.12 chooses the interpreter
+setup: $(SETUP)  ## .venv from pinned requirements, for scripts, too; PYTHON=python3.12 chooses the interpreter
 
 $(SETUP): $(REQUIREMENTS)
 	@$(PYTHON) -c 'import sys; (3, 10) <= sys.version_info[:2] <= (3, 13) or sys.exit("flatsat_ros needs Python 3.10-3.13, $(PYTHON) is " + sys.version.split()[0] + ": make setup PYTHON=python3.12")'
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --disable-pip-version-check --requirement $(REQUIREMENTS)
+	@# the source, for scripts; what install/setup.sh puts on PYTHONPATH goes before it
+	for packages in .venv/lib/python3*/site-packages; do echo ../../../.. > $$packages/flatsat_ros.pth; done
 	touch $@
 
 build: setup  ## colcon build into install/
@@ -70,5 +72,8 @@ lint: setup  ## style, format and types: ruff, mypy --strict over the whole pack
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+docs: setup  ## the reference of the Python API from its docstrings, into docs/api/; a warning is an error
+	$(BIN)/python docs/build_api.py
+
 clean:  ## remove what was built, not .venv
-	rm -rf build install log out .coverage .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf build install log out docs/api .coverage .hypothesis .mypy_cache .pytest_cache .ruff_cache

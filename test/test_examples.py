@@ -71,3 +71,18 @@ def test_an_example_is_short(name: str) -> None:
 
 def test_every_example_is_tested() -> None:
     assert {file.name for file in EXAMPLES.iterdir()} == {*LONGEST, "quickstart.ipynb"}
+
+
+def test_after_make_setup_alone_the_source_is_imported_from_any_folder(root: Path, tmp_path: Path) -> None:
+    python = root / ".venv" / "bin" / "python"
+    if not python.is_file():
+        pytest.skip("no .venv here: tested by another way of installation")
+    program = """
+import flatsat_ros
+print(flatsat_ros.__file__, flatsat_ros.load_certificate("cf21_50hz").name, flatsat_ros.load_vehicle("cf21").name)
+"""
+    # nothing sourced
+    environment = {name: os.environ[name] for name in ("HOME", "PATH") if name in os.environ}
+    command = [str(python), "-c", program]
+    found = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    assert found.stdout.split() == [str(root / "flatsat_ros" / "__init__.py"), "cf21_50hz", "cf21"]
