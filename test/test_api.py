@@ -12,6 +12,7 @@ from collections.abc import Callable
 from inspect import Parameter, signature
 from pathlib import Path
 from types import ModuleType
+from typing import get_origin
 
 import pytest
 
@@ -67,7 +68,8 @@ def test_every_room_offers_documented_names_of_its_own(name: str) -> None:
     assert set(room.__all__) <= set(dir(room))
     for public in room.__all__:
         value = getattr(room, public)
-        if inspect.isclass(value) or inspect.isfunction(value):
+        alias = get_origin(value) is not None  # Python 3.10 takes Callable[...] for a class
+        if inspect.isfunction(value) or (inspect.isclass(value) and not alias):
             assert value.__module__.startswith(f"{room.__name__}."), public
             assert value.__doc__, public
 
