@@ -27,7 +27,8 @@ def main() -> int:
     warnings.simplefilter("error")
     pdoc.render.configure(docformat="google", footer_text=f"flatsat_ros {flatsat_ros.__version__}")
     shutil.rmtree(_TARGET, ignore_errors=True)
-    rooms = [importlib.import_module(f"flatsat_ros.{info.name}") for info in pkgutil.iter_modules(flatsat_ros.__path__)]
+    found = pkgutil.walk_packages(flatsat_ros.__path__, "flatsat_ros.")
+    rooms = [importlib.import_module(package.name) for package in found if package.ispkg]
     try:
         documented = [module.__name__ for module in (flatsat_ros, *rooms) if _prepare(module)]
         pdoc.pdoc(*documented, output_directory=_TARGET)
