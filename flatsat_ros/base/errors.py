@@ -80,6 +80,17 @@ def require_not_negative(name: str, value: object, unit: str) -> float:
     return require_number(name, value, unit, 0.0)
 
 
+def require_zero_or_positive(name: str, value: object, unit: str) -> float:
+    """Return a value as a float, refusing what is neither 0 nor a number from SMALLEST to LARGEST.
+
+    Raises:
+        FlatsatError: it is not.
+    """
+    if not _is_number(value) or not (value == 0.0 or SMALLEST <= value <= LARGEST):
+        raise refusal(name, value, unit, f"0, or a number from {SMALLEST:g} to {LARGEST:g}")
+    return float(value)
+
+
 def require_fields(owner: object, check: Callable[[str, object, str], float], **units: str) -> None:
     """Check fields of a frozen dataclass, and keep them as floats.
 

@@ -30,6 +30,9 @@ FORMAT = 1
 # Relative rounding that a proved inequality may show when it is tight; far below anything physical.
 _ROUNDING = 1e-9
 
+# Smallest eigenvalue, relative to the largest, of a matrix that counts as positive definite: below, rounding decides.
+_DEFINITE = 1e-12
+
 _HEADER = """\
 # A flatsat_ros certificate. Written by synthesis, verified on load: edit the inputs, not the figures.
 # limits: thrust_max T_max and thrust_min m/s^2 (normalised by the mass), tilt_max eps_max rad, gravity g m/s^2
@@ -154,7 +157,11 @@ class Certificate:
         )
 
     def margins(self) -> dict[str, float]:
-        """Return by how much, relatively, each inequality of the certificate holds; negative ones fail."""
+        """Return by how much, relatively, each inequality of the certificate holds; negative ones and NaN fail."""
+        with np.errstate(all="ignore"):  # absurd figures overflow, which no inequality survives
+            return self._margins()
+
+    def _margins(self) -> dict[str, float]:
         immediate, robust = self.timing.immediate, self.robust
         axes = list(zip(self.blocks, self.loops, (" for x, y", " for z"), strict=True))
         if robust is None and self.block_vertical is None and self.loop_vertical is None:
@@ -162,8 +169,10 @@ class Certificate:
         margins = {}
         for block, loop, axis in axes:
             for name, matrix in (("P", block), ("W", loop))[: 1 if immediate else 2]:
-                holds = np.linalg.eigvalsh(matrix)
-                margins[f"{name} is positive definite{axis}"] = float(holds[0] / abs(holds).max())
+                values = np.linalg.eigvalsh(matrix)
+                largest = float(abs(values).max())
+                definite = float(values[0]) / largest if largest > 0.0 else 0.0
+                margins[f"{name} is positive definite{axis}"] = definite - _DEFINITE
         if min(margins.values()) <= 0.0:
             return margins
         margins |= {

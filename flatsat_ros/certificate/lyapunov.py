@@ -178,11 +178,12 @@ def hold_gain_interval(rate: float, period: float) -> tuple[float, float]:
 
 
 def largest_relative_eigenvalue(matrix: FloatArray, metric: FloatArray) -> float:
-    """Return the largest x'M x / x'P x over all x.
+    """Return the largest x'M x / x'P x over all x; infinity where it overflows.
 
     Args:
         matrix: M (n, n), symmetric.
         metric: P (n, n), symmetric and positive definite.
     """
     factor = np.linalg.inv(np.linalg.cholesky(metric))
-    return float(np.linalg.eigvalsh(factor @ matrix @ factor.T)[-1])
+    scaled = factor @ matrix @ factor.T
+    return float(np.linalg.eigvalsh(scaled)[-1]) if np.isfinite(scaled).all() else math.inf

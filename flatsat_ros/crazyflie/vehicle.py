@@ -26,6 +26,7 @@ from flatsat_ros.base.errors import (
     require_not_negative,
     require_number,
     require_positive,
+    require_zero_or_positive,
 )
 from flatsat_ros.base.files import located
 from flatsat_ros.base.resources import config_path
@@ -56,11 +57,9 @@ class AttitudeResponse:
 
     def __post_init__(self) -> None:
         require_fields(self, require_positive, natural_frequency="rad/s", damping="")
-        require_fields(self, require_not_negative, actuator_lag="s", integral_zero="rad/s", integral_pole="rad/s")
+        require_fields(self, require_zero_or_positive, actuator_lag="s", integral_zero="rad/s", integral_pole="rad/s")
         one_sided = (self.integral_zero > 0.0) != (self.integral_pole > 0.0)
         require(not one_sided, "integral_pole", self.integral_pole, "rad/s", "above 0 with integral_zero, 0 without")
-        if self.integral_pole > 0.0:
-            require_fields(self, require_positive, integral_zero="rad/s", integral_pole="rad/s")
         bound = 2.0 * self.damping / self.natural_frequency  # Routh-Hurwitz: tau_a wn < 2 zeta
         require(
             self.actuator_lag < bound, "actuator_lag", self.actuator_lag, "s", f"below {bound:.4g} s (a stable loop)"
@@ -101,7 +100,7 @@ class Dynamics:
     def __post_init__(self) -> None:
         units = {"attitude_gain": "", "thrust_gain": "", "thrust_lag_up": "s", "thrust_lag_down": "s"}
         require_fields(self, require_positive, **units)
-        require_fields(self, require_not_negative, drag_xy="1/s", drag_z="1/s", dead_time="s")
+        require_fields(self, require_zero_or_positive, drag_xy="1/s", drag_z="1/s", dead_time="s")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,9 +126,10 @@ class Motors:
     def __post_init__(self) -> None:
         require_fields(self, require_not_negative, force_min="N", idle_pwm="", hover_pwm="")
         for order, value in enumerate(self.voltage_to_force):
-            require_number(f"voltage_to_force[{order}]", value, f"N/V^{order}")
+            check = require_positive if order in (1, 3) else require_number
+            check(f"voltage_to_force[{order}]", value, f"N/V^{order}")
         _, c1, c2, c3 = self.voltage_to_force
-        increasing = c3 > 0 and c1 > 0 and (c2 >= 0 or c2 * c2 < 3.0 * c1 * c3)
+        increasing = c2 >= 0 or c2 * c2 < 3.0 * c1 * c3
         cubic = "coefficients of a cubic that increases from 0 V on"
         require(increasing, "voltage_to_force", self.voltage_to_force, "N/V^k", cubic)
         require(1 <= self.bits <= 16, "bits", self.bits, "", "from 1 to 16")

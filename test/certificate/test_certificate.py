@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import dataclasses
 import math
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from damage import damaged, refusal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -179,6 +181,60 @@ def test_an_unverified_document_can_be_built_but_not_loaded(tmp_path: Path) -> N
     path.write_text(yaml.safe_dump(document), encoding="utf-8")
     with pytest.raises(FlatsatError, match=r"V <= eps implies .* fails by"):
         Certificate.load(path)
+
+
+@settings(max_examples=200)
+@given(data=st.data())
+def test_a_damaged_file_is_what_it_was_or_refused_in_one_line(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    path = tmp_path_factory.mktemp("damaged") / "certificate.yaml"
+    text = yaml.safe_dump(VALID.to_document(), sort_keys=False, default_flow_style=None)
+    path.write_bytes(data.draw(damaged(text)))
+    if refusal(lambda: Certificate.load(path), path) is None:
+        assert min(Certificate.load(path).margins().values()) > -1e-9
+
+
+FIGURES = [
+    *(("limits", key) for key in ("thrust_max", "tilt_max", "gravity", "thrust_min")),
+    *(("invariant_set", key) for key in ("ball", "level")),
+    *(("sampling", key) for key in ("period", "gain_min", "gain_max", "lag", "delay")),
+    ("lyapunov", "rate"),
+]
+MAGNITUDES = st.builds(
+    lambda sign, power, digits: sign * digits * 10.0**power,
+    st.sampled_from((1.0, -1.0)), st.integers(-323, 307), st.floats(1.0, 9.9),
+)  # fmt: skip
+
+
+@settings(max_examples=200)
+@given(figures=st.dictionaries(st.sampled_from(FIGURES), MAGNITUDES, max_size=3), block=st.tuples(*[MAGNITUDES] * 3))
+def test_no_figures_however_absurd_break_the_verification(
+    figures: dict[tuple[str, str], float], block: tuple[float, float, float]
+) -> None:
+    document = copy.deepcopy(VALID.to_document())
+    for (section, key), value in figures.items():
+        document[section][key] = value
+    if max(map(abs, block)) < 1e12:
+        a, b, c = block
+        document["lyapunov"]["block"] = [[a, b], [b, c]]
+        document["lyapunov"]["matrix"] = np.kron([[a, b], [b, c]], np.eye(3)).tolist()
+    with contextlib.suppress(FlatsatError):
+        assert min(Certificate.from_document(document).verify().values()) > -1e-9
+
+
+@pytest.mark.parametrize(
+    "block",
+    [
+        [[0.0, 0.0], [0.0, 0.0]],
+        [[1.0, 1.0], [1.0, 1.0]],
+        [[1.0, 0.0], [0.0, 1e-13]],
+        [[1e12, 1e6], [1e6, 1.0]],
+    ],
+)
+def test_a_matrix_of_which_rounding_would_decide_is_not_positive_definite(block: list[list[float]]) -> None:
+    with pytest.raises(FlatsatError, match="'P is positive definite' fails by"):
+        dataclasses.replace(VALID, block=block).verify()
 
 
 @given(share=st.floats(0.0, 1.0))

@@ -5,6 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from damage import damaged, refusal
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot, read_crazyflies
@@ -53,6 +56,7 @@ def test_the_enabled_robots_come_in_the_order_of_the_file(tmp_path: Path) -> Non
         ),
         ("robots: {cf1: {initial_position: [0, .nan, 0]}}", r"an entry of robots\.cf1\.initial_position = nan"),
         ("robots: {cf1: {initial_position: [[0, 0, 0]]}}", r"initial_position = \(1, 3\): must be \(3,\): x, y, z"),
+        ("robots: {cf1: {initial_position: [1.0e+300, 0, 0]}}", r"initial_position = 1e\+300 m: must be a number from"),
         (
             "robots: {cf1: {initial_position: here}}",
             r"robots\.cf1\.initial_position = 'here': must be an array of numbers",
@@ -63,6 +67,16 @@ def test_the_enabled_robots_come_in_the_order_of_the_file(tmp_path: Path) -> Non
 def test_what_is_not_such_a_file_is_refused(text: str, complaint: str, tmp_path: Path) -> None:
     with pytest.raises(FlatsatError, match=complaint):
         read_crazyflies(write(tmp_path, text))
+
+
+@settings(max_examples=200)
+@given(data=st.data())
+def test_a_damaged_file_is_read_or_refused_in_one_line(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    path = tmp_path_factory.mktemp("damaged") / "crazyflies.yaml"
+    path.write_bytes(data.draw(damaged(EXAMPLE)))
+    refusal(lambda: read_crazyflies(path), path)
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:

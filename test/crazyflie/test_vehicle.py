@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
+from damage import damaged, refusal
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flatsat_ros.base.constants import GRAVITY
@@ -82,6 +83,13 @@ def test_lag_is_the_slowest_of_attitude_and_thrust(name: str) -> None:
         ({"dynamics.attitude.actuator_lag": 0.2}, "stable"),
         ({"dynamics.attitude.damping": 0.0}, "damping"),
         ({"dynamics.attitude.integral_zero": 0.4}, "integral_pole = 0.0 rad/s: must be above 0 with integral_zero"),
+        ({"dynamics.yaw.actuator_lag": 5e-324}, "actuator_lag = 5e-324 s: must be 0, or a number from 1e-12 to"),
+        ({"dynamics.drag_z": 1e-300}, "drag_z = 1e-300 1/s: must be 0, or a number from 1e-12 to"),
+        ({"dynamics.dead_time": 1e300}, r"dead_time = 1e\+300 s: must be 0, or a number from"),
+        (
+            {"motors.voltage_to_force": [0.0, 0.1, 0.0, 2e-181]},
+            "voltage_to_force.3. = 2e-181 N/V.3: must be a number above 0",
+        ),
         ({"dynamics.attitude.integral_pole": 0.4}, "integral_pole = 0.4 rad/s: must be .* 0 without"),
         ({"dynamics.thrust_lag_up": 0.0}, "thrust_lag_up"),
         ({"dynamics.drag_z": -1.0}, "drag_z"),
@@ -118,3 +126,14 @@ def test_what_is_no_profile_is_refused(text: str, tmp_path: Path) -> None:
     path.write_text(text, encoding="latin-1")
     with pytest.raises(FlatsatError):
         VehicleProfile.load(path)
+
+
+@settings(max_examples=200)
+@given(data=st.data())
+def test_a_damaged_profile_is_read_or_refused_in_one_line(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    path = tmp_path_factory.mktemp("damaged") / "profile.yaml"
+    path.write_bytes(data.draw(damaged((VEHICLES / "cf21_plus.yaml").read_text(encoding="utf-8"))))
+    if refusal(lambda: VehicleProfile.load(path), path) is None:
+        assert 9.81 < VehicleProfile.load(path).thrust_max < np.inf
