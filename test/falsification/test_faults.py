@@ -16,11 +16,12 @@ from hypothesis import strategies as st
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.falsification.faults import scene as scenes
-from flatsat_ros.falsification.faults.criteria import Bounds, End, broken
+from flatsat_ros.falsification.faults.criteria import Bounds, End, Remark, broken
 from flatsat_ros.falsification.faults.page import cell, page
 from flatsat_ros.falsification.faults.phases import PLANS, Phase
+from flatsat_ros.falsification.faults.record import Record, distance_to_path
 from flatsat_ros.falsification.faults.rows import Row, fly_row, load, replay, save
-from flatsat_ros.falsification.faults.scene import Record, Remark, Scene
+from flatsat_ros.falsification.faults.scene import Scene
 from flatsat_ros.falsification.faults.table import ACCEPTED, FAULTS
 from flatsat_ros.flight.pilot import Pilot, Tick
 from flatsat_ros.sim.fleet import SimulatedFleet
@@ -59,7 +60,7 @@ def hover() -> Scene:
 
 
 def problems(scene: Scene, bounds: Bounds, *, lands: bool = False) -> list[str]:
-    return list(broken(scene, bounds, (0,), scene.remarks, lands=lands))
+    return list(broken(scene.outcomes(), bounds, (0,), scene.remarks, lands=lands))
 
 
 def test_the_matrix_is_as_large_as_it_should_be() -> None:
@@ -106,10 +107,11 @@ def test_a_controller_that_raises_has_ended_and_fails(monkeypatch: pytest.Monkey
 def test_the_impact_is_the_speed_of_the_fall() -> None:
     height = 1.3
     fleet = SimulatedFleet(scenes.load_vehicle("cf21"), 1, dynamics="ideal", start=[[0.0, 0.0, height]])
-    record = Record(fleet, 0.0)
+    record = Record(fleet.bodies.position, 0.0)
     for step in range(1, 500):
         fleet.advance_to(0.002 * step)
-        record.look()
+        record.feel(fleet.bodies.velocity, fleet.bodies.grounded)
+        record.look(fleet.time, fleet.bodies.position)
     assert record.met[0]
     assert record.impact[0] == pytest.approx(math.sqrt(2.0 * GRAVITY * height), abs=0.002 * GRAVITY)
     assert record.distance[0] < 1e-9
@@ -124,11 +126,11 @@ def test_the_distance_to_a_path_is_the_least_to_its_places(
     corners: list[tuple[float, float]], point: tuple[float, float], share: float
 ) -> None:
     path, place = np.array(corners), np.array(point)
-    distance = scenes._distance_to_path(place, path)
+    distance = distance_to_path(place, path)
     for begin, end in zip(path, path[1:] if len(path) > 1 else path, strict=False):
         between = begin + share * (end - begin)
         assert distance <= np.linalg.norm(place - between) + 1e-9
-        assert scenes._distance_to_path(between, path) <= 1e-9
+        assert distance_to_path(between, path) <= 1e-9
     places = np.vstack(
         [
             begin + np.linspace(0.0, 1.0, 2001)[:, np.newaxis] * (end - begin)
@@ -146,7 +148,7 @@ def test_a_hover_keeps_its_bounds_and_breaks_each_that_is_too_narrow(hover: Scen
         (Bounds(End.DONE, separation=1.5), "came within"),
         (Bounds(End.DONE, told="never told"), "nothing was told of drone 0"),
         (Bounds(End.DONE, arrival=0.0), "from its goal"),
-        (Bounds(End.DOWN), "ends in the air, motors on, in FLY"),
+        (Bounds(End.DOWN), "ends in the air"),
         (Bounds(End.GROUNDED), "rose to 1.0"),
     ]:
         assert any(text in problem for problem in problems(hover, narrow)), text
@@ -175,7 +177,7 @@ def test_only_what_was_told_of_the_drone_itself_counts(hover: Scene) -> None:
     bounds = Bounds(End.DONE, told="pose")
     for drone, holds in ((0, True), (1, False)):
         told = [Remark(9.0, drone, "no fresh POSE")]
-        assert (list(broken(hover, bounds, (0,), told, lands=False)) == []) is holds
+        assert (list(broken(hover.outcomes(), bounds, (0,), told, lands=False)) == []) is holds
 
 
 def test_who_rises_again_after_the_floor_does_not_stand() -> None:

@@ -6,16 +6,28 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
-import numpy as np
-
-from flatsat_ros.falsification.faults.scene import Remark, Scene
 from flatsat_ros.flight.supervisor import Mode
 
 SEPARATION = 0.4  # m: drones never come nearer to each other
+RISEN = 0.05  # m above the floor: a drone is off it
 _SLOW = 0.3  # m/s: a drone that hovers
-_ALOFT = 0.05  # m above the floor
 _BYSTANDER = 0.5  # m: drones without a fault stay so near to their paths
+
+
+class Remark(NamedTuple):
+    """Something that the pilot told.
+
+    Attributes:
+        time: s since the beginning of the flight.
+        drone: whom it is about.
+        text: what it told.
+    """
+
+    time: float
+    drone: int
+    text: str
 
 
 class End(Enum):
@@ -49,32 +61,78 @@ class Bounds:
     separation: float = SEPARATION
 
 
+@dataclass(frozen=True)
+class Outcome:
+    """What came of the flight of one drone.
+
+    Attributes:
+        met: it met the floor.
+        impact: largest speed at which it did, m/s.
+        distance: farthest it was from its path, m.
+        height: highest it was above the floor, m.
+        separation: least distance to another drone while it was in the air, m.
+        relaunched: it rose again after it had met the floor.
+        grounded: in the end it is on the floor.
+        motors: in the end they turn.
+        speed: in the end, m/s.
+        off: how far it is from the end of its path in the end, m.
+        mode: in the end; None if there is no controller.
+    """
+
+    met: bool
+    impact: float
+    distance: float
+    height: float
+    separation: float
+    relaunched: bool
+    grounded: bool
+    motors: bool
+    speed: float
+    off: float
+    mode: Mode | None
+
+    @property
+    def stands(self) -> bool:
+        """Whether it is on the floor for good, with its motors off."""
+        return self.grounded and not self.motors and not self.relaunched
+
+    @property
+    def hovers(self) -> bool:
+        """Whether it is in the air, and steered: in IDLE by somebody else."""
+        return not self.grounded and self.speed <= _SLOW and self.mode in (Mode.FLY, Mode.IDLE)
+
+    def describe(self) -> str:
+        """Return in words how it ends."""
+        again = " after it had risen from the floor again" if self.relaunched else ""
+        where = "on the floor" if self.grounded else f"in the air at {self.speed:.2f} m/s"
+        mode = self.mode.name if self.mode is not None else "no mode"
+        return f"ends {where}, motors {'on' if self.motors else 'off'}, in {mode}{again}"
+
+
 def broken(
-    scene: Scene, bounds: Bounds, victims: Sequence[int], remarks: Iterable[Remark], *, lands: bool
+    outcomes: Sequence[Outcome], bounds: Bounds, victims: Sequence[int], remarks: Iterable[Remark], *, lands: bool
 ) -> Iterator[str]:
     """Yield which bounds a flight broke, each as a sentence; a figure that is not a number breaks its bound.
 
     Args:
-        scene: the flight, at its end.
+        outcomes: of all drones.
         bounds: of the drones with a fault; those without have narrower ones.
         victims: the drones with a fault.
         remarks: what was told since the fault.
         lands: the drones were on their way to the floor.
     """
-    if scene.failure:
-        yield f"the controller ended: {scene.failure}"
     bystanders = Bounds(End.ALOFT, distance=_BYSTANDER)
-    remarks, record = list(remarks), scene.record
-    for drone in range(scene.fleet.count):
+    remarks = list(remarks)
+    for drone, outcome in enumerate(outcomes):
         own = bounds if drone in victims else bystanders
         name = f"drone {drone}"
-        if record.met[drone] and not record.impact[drone] <= own.impact:
-            yield f"{name} met the floor at {record.impact[drone]:.2f} m/s"
-        if not record.distance[drone] <= own.distance:
-            yield f"{name} was {record.distance[drone]:.2f} m off its path"
-        if not record.separation[drone] >= bounds.separation:
-            yield f"{name} came within {record.separation[drone]:.2f} m of another"
-        problem = _end(scene, drone, own, lands=lands)
+        if outcome.met and not outcome.impact <= own.impact:
+            yield f"{name} met the floor at {outcome.impact:.2f} m/s"
+        if not outcome.distance <= own.distance:
+            yield f"{name} was {outcome.distance:.2f} m off its path"
+        if not outcome.separation >= bounds.separation:
+            yield f"{name} came within {outcome.separation:.2f} m of another"
+        problem = _end(outcome, own, lands=lands)
         if problem:
             yield f"{name} {problem}"
         texts = [remark.text for remark in remarks if remark.drone == drone]
@@ -82,30 +140,15 @@ def broken(
             yield f"nothing was told of {name} that matches {own.told!r}"
 
 
-def _end(scene: Scene, drone: int, bounds: Bounds, *, lands: bool) -> str:
+def _end(outcome: Outcome, bounds: Bounds, *, lands: bool) -> str:
     """Return what is wrong with the end of a drone's flight, empty for nothing."""
-    bodies, record, mode, wanted = scene.fleet.bodies, scene.record, scene.mode[drone], bounds.end
-    grounded = bool(bodies.grounded[drone])
-    off = float(np.linalg.norm(bodies.position[drone] - record.paths[drone][-1]))
-    # IDLE: somebody else flies it
-    steered = mode in (Mode.FLY, Mode.IDLE)
-    hovers = not grounded and steered and float(np.linalg.norm(bodies.velocity[drone])) <= _SLOW
-    stands = grounded and scene.fleet.power.ratio[drone] == 0.0 and not record.relaunched[drone]
+    wanted = bounds.end
     if wanted is End.GROUNDED:
-        return "" if grounded and record.height[drone] <= _ALOFT else f"rose to {record.height[drone]:.2f} m"
+        return "" if outcome.grounded and outcome.height <= RISEN else f"rose to {outcome.height:.2f} m"
     if wanted is End.DOWN or (lands and wanted in (End.DONE, End.ALOFT)):
-        return "" if stands else _state(scene, drone)
+        return "" if outcome.stands else outcome.describe()
     if wanted is End.SAFE:
-        return "" if stands or hovers else _state(scene, drone)
-    if not hovers:
-        return _state(scene, drone)
-    return f"is {off:.2f} m from its goal" if wanted is End.DONE and not off <= bounds.arrival else ""
-
-
-def _state(scene: Scene, drone: int) -> str:
-    """Return in words how a drone ends."""
-    mode = scene.mode[drone]
-    again = " after it had risen from the floor again" if scene.record.relaunched[drone] else ""
-    where = "on the floor" if scene.fleet.bodies.grounded[drone] else "in the air"
-    motors = "motors on" if scene.fleet.power.ratio[drone] else "motors off"
-    return f"ends {where}, {motors}, in {mode.name if mode else 'no mode'}{again}"
+        return "" if outcome.stands or outcome.hovers else outcome.describe()
+    if not outcome.hovers:
+        return outcome.describe()
+    return f"is {outcome.off:.2f} m from its goal" if wanted is End.DONE and not outcome.off <= bounds.arrival else ""

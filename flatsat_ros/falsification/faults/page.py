@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Sequence
 
+from flatsat_ros.falsification.faults.criteria import Remark
 from flatsat_ros.falsification.faults.fault import Fault
 from flatsat_ros.falsification.faults.phases import PLANS, Phase
 from flatsat_ros.falsification.faults.rows import Row
-from flatsat_ros.falsification.faults.scene import Remark, Scene
+from flatsat_ros.falsification.faults.scene import Scene
 from flatsat_ros.falsification.faults.table import ACCEPTED, FAULTS
 from flatsat_ros.flight.supervisor import Mode
 

@@ -138,7 +138,8 @@ def _judged(name: str, phase: Phase, scene: Scene, begin: float) -> Row:
     victims = [drone for drone in fault.victims if drone < scene.fleet.count]
     bounds = fault.special.get(phase, fault.bounds)
     remarks = [remark for remark in scene.remarks if remark.time >= begin]
-    problems = list(broken(scene, bounds, victims, remarks, lands=PLANS[phase].lands))
+    problems = [f"the controller ended: {scene.failure}"] if scene.failure else []
+    problems += broken(scene.outcomes(), bounds, victims, remarks, lands=PLANS[phase].lands)
     said = dict.fromkeys(f"drone {remark.drone}: {remark.text}" for remark in remarks if remark.drone in victims)
     met = [float(record.impact[drone]) for drone in victims if record.met[drone]]
     return Row(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -14,6 +13,8 @@ from flatsat_ros.base.errors import FlatsatError, one_line
 from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint, setpoint_from_command
+from flatsat_ros.falsification.faults.criteria import Outcome, Remark
+from flatsat_ros.falsification.faults.record import Record
 from flatsat_ros.flight.pilot import Pilot, Tick
 from flatsat_ros.flight.supervisor import Mode, Policy
 from flatsat_ros.flight.trajectory import Trajectory
@@ -29,24 +30,9 @@ NOISE = 5e-4  # m, standard deviation of the motion capture
 # the tuning and the policy that the controller has by default
 _TUNING = (2.0, 0.05, 1.0)
 _DISTURBANCE_MAX = 0.8  # m/s^2
-_RISEN = 0.05  # m above the floor: a drone is off it
 _ROUNDING = 1e-6  # s
 _TEXT = 160  # letters of a remark
 _LOOK_EVERY = 10  # steps of integration between two looks at distances
-
-
-class Remark(NamedTuple):
-    """Something that the pilot told.
-
-    Attributes:
-        time: s since the beginning of the flight.
-        drone: whom it is about.
-        text: what it told.
-    """
-
-    time: float
-    drone: int
-    text: str
 
 
 class Moment(NamedTuple):
@@ -71,81 +57,6 @@ def told(tick: Tick) -> Iterator[tuple[int, str]]:
     """Yield what a tick tells, as pairs of drone and text."""
     for index, before, after, reason in tick.transitions:
         yield index, f"{before.name} to {after.name}: {reason}"
-
-
-class Record:
-    """What happened to N drones so far.
-
-    Attributes:
-        met: (N,) whether a drone has met the floor.
-        impact: (N,) largest speed at which it did, m/s.
-        distance: (N,) farthest it was from its path: sideways, or above the path's highest point, m.
-        height: (N,) highest it was above the floor, m.
-        separation: (N,) the least distance to another drone while it was in the air, m.
-        touched: (N,) whether it has met the floor since the last call of `forget_touches`.
-        relaunched: (N,) whether it has risen again since then.
-        resting_since: s, since when all stand on the floor; infinite while one does not.
-    """
-
-    def __init__(self, fleet: SimulatedFleet, floor: float) -> None:
-        self._fleet, self._floor = fleet, floor
-        count = fleet.count
-        self.paths = [fleet.bodies.position[i : i + 1].copy() for i in range(count)]
-        self.impact, self.distance, self.height = np.zeros((3, count))
-        self.separation = np.full(count, np.inf)
-        self.met, self.touched, self.relaunched = np.zeros((3, count), dtype=bool)
-        self.resting_since = math.inf
-        self._grounded = fleet.bodies.grounded
-        self._velocity = fleet.bodies.velocity
-        self._looks = 0
-
-    def extend_path(self, index: int, *places: FloatArray) -> None:
-        """Let the path of a drone lead on through places (3,), m."""
-        self.paths[index] = np.vstack([self.paths[index], *places])
-
-    def forget_touches(self) -> None:
-        """Begin to watch who meets the floor and rises again."""
-        self.touched[:] = self.relaunched[:] = False
-
-    def look(self) -> None:
-        """Note one step of the bodies."""
-        bodies = self._fleet.bodies
-        met = bodies.grounded & ~self._grounded
-        if met.any():
-            speed = np.linalg.norm(self._velocity, axis=1)
-            self.impact[met] = np.maximum(self.impact[met], speed[met])
-            self.met |= met
-            self.touched |= met
-        self._grounded, self._velocity = bodies.grounded.copy(), bodies.velocity
-        self._looks += 1
-        if self._looks % _LOOK_EVERY == 0:
-            self._look_around()
-
-    def _look_around(self) -> None:
-        """Note distances."""
-        place, time = self._fleet.bodies.position, self._fleet.time
-        above = place[:, 2] - self._floor
-        self.height = np.maximum(self.height, above)
-        self.relaunched |= self.touched & (above > _RISEN)
-        self.resting_since = min(self.resting_since, time) if self._grounded.all() else math.inf
-        for index, path in enumerate(self.paths):
-            off = max(_distance_to_path(place[index, :2], path[:, :2]), float(place[index, 2] - path[:, 2].max()))
-            # a place that is not a number must not be taken for a near one
-            self.distance[index] = np.maximum(self.distance[index], off)
-        apart = np.linalg.norm(place[:, np.newaxis] - place, axis=-1)
-        np.fill_diagonal(apart, np.inf)
-        nearest = apart.min(axis=1, initial=np.inf)
-        self.separation = np.where(above > _RISEN, np.minimum(self.separation, nearest), self.separation)
-
-
-def _distance_to_path(point: FloatArray, path: FloatArray) -> float:
-    """Return the distance of a point (2,) from the polyline through points (M, 2)."""
-    if len(path) == 1:
-        return float(np.linalg.norm(point - path[0]))
-    begin, way = path[:-1], np.diff(path, axis=0)
-    square = np.maximum((way * way).sum(axis=1), 1e-12)
-    share = np.clip(((point - begin) * way).sum(axis=1) / square, 0.0, 1.0)
-    return float(np.linalg.norm(begin + share[:, np.newaxis] * way - point, axis=1).min())
 
 
 class Scene:
@@ -192,8 +103,9 @@ class Scene:
         )
         for drone in stopped:
             self.fleet.firmware.request_emergency(drone)
-        self.record = Record(self.fleet, floor)
-        self.link = FaultyLink(self.fleet, self.record.look)
+        self.record = Record(self.fleet.bodies.position, floor)
+        self.link = FaultyLink(self.fleet, self._look)
+        self._looks = 0
         self.pilot: Pilot | None = self.new_pilot()
         self.remarks: list[Remark] = []
         self.moments: list[Moment] | None = [] if keep else None
@@ -290,6 +202,14 @@ class Scene:
                 self.link.command(index, *setpoint_from_command(*command, self.vehicle))
         self.pilot = None
 
+    def _look(self) -> None:
+        """Note one step of the bodies."""
+        bodies = self.fleet.bodies
+        self.record.feel(bodies.velocity, bodies.grounded)
+        self._looks += 1
+        if self._looks % _LOOK_EVERY == 0:
+            self.record.look(self.fleet.time, bodies.position)
+
     def _observe(self, _now: float, _samples: list[Sample], tick: Tick, sent: dict[int, WireSetpoint]) -> None:
         time = self.fleet.time
         self.remarks += [Remark(time, drone, one_line(text, _TEXT)) for drone, text in told(tick)]
@@ -298,9 +218,17 @@ class Scene:
             commands = [sent.get(index) for index in range(self.fleet.count)]
             self.moments.append(Moment(time, tick.mode, bodies.position.copy(), bodies.velocity.copy(), commands))
 
-    @property
-    def mode(self) -> list[Mode | None]:
-        """The flight mode of each drone, None without a pilot."""
-        if self.pilot is None:
-            return [None] * self.fleet.count
-        return [Mode(int(value)) for value in self.pilot.mode]
+    def outcomes(self) -> list[Outcome]:
+        """Return what came of each drone's flight so far."""
+        bodies, power = self.fleet.bodies, self.fleet.power
+        return [
+            self.record.outcome(
+                drone,
+                grounded=bool(bodies.grounded[drone]),
+                motors=bool(power.ratio[drone] > 0.0),
+                speed=float(np.linalg.norm(bodies.velocity[drone])),
+                off=float(np.linalg.norm(bodies.position[drone] - self.record.paths[drone][-1])),
+                mode=None if self.pilot is None else Mode(int(self.pilot.mode[drone])),
+            )
+            for drone in range(self.fleet.count)
+        ]
