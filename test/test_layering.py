@@ -45,9 +45,9 @@ ROOMS = {
     "synthesis": _room(f"{_PROOFS} flight planning", libraries="numpy scipy clarabel cvxpy matplotlib tqdm"),
     "identification": _room("base flight", libraries="numpy"),
     "sim": _room(_FLOWN, libraries="numpy"),
-    "falsification": _room(f"{_FLOWN} planning synthesis sim", libraries="numpy tqdm"),
     "nodes": _room(f"{_FLOWN} identification sim", libraries=None),
     "demo": _room(f"{_FLOWN} planning synthesis sim nodes", libraries="numpy matplotlib tqdm"),
+    "falsification": _room(f"{_FLOWN} planning synthesis sim nodes demo", libraries="numpy tqdm"),
     "paper": _room(f"{_FLOWN} planning synthesis sim falsification demo", libraries="numpy matplotlib tqdm"),
     "cli": _room(
         f"{_FLOWN} planning synthesis sim falsification demo paper", libraries="numpy scipy matplotlib rosbags tqdm"

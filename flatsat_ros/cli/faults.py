@@ -6,11 +6,15 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from flatsat_ros.cli import shell
+
+if TYPE_CHECKING:
+    from flatsat_ros.falsification.faults.rows import Row
 
 _FOLDER, _TABLE, _PAGE = Path("out/faults"), "table.json", "faults.md"
 _BAR = "{desc} {bar} {n}/{total} [{elapsed}<{remaining}]{postfix}"
@@ -22,15 +26,17 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> shell.Parser:
+    from flatsat_ros.falsification.faults.live_table import LIVE_FAULTS
     from flatsat_ros.falsification.faults.phases import Phase
     from flatsat_ros.falsification.faults.table import FAULTS
 
     parser = shell.Parser(
         "faults",
         "Fly every fault in every phase of flight on simulated time, and judge by bounds that were set beforehand.",
-        "faults: " + ", ".join(FAULTS),
+        f"faults: {', '.join(FAULTS)}; with --live: {', '.join(LIVE_FAULTS)}",
     )
-    parser.add_argument("--fault", choices=FAULTS, metavar="NAME", help="this one only")
+    parser.add_argument("--live", action="store_true", help="with real processes and in real time, in a hover")
+    parser.add_argument("--fault", metavar="NAME", help="this one only")
     parser.add_argument("--phase", choices=[phase.value for phase in Phase], help="this one only")
     parser.add_argument("--workers", type=int, help="processes (default: one for each core)")
     parser.add_argument("--output", type=shell.path, help=f"folder of {_TABLE} and {_PAGE} (default: {_FOLDER})")
@@ -39,40 +45,73 @@ def _parser() -> shell.Parser:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    return _fly(arguments) if arguments.replay is None else _replay(arguments)
+    if arguments.replay is not None:
+        return _replay(arguments)
+    return _fly_live(arguments) if arguments.live else _fly(arguments)
 
 
 def _fly(arguments: argparse.Namespace) -> int:
-    from tqdm import tqdm
-
     from flatsat_ros.base.errors import FlatsatError
-    from flatsat_ros.base.files import write_text
-    from flatsat_ros.falsification.faults.page import page, summary
     from flatsat_ros.falsification.faults.phases import Phase
-    from flatsat_ros.falsification.faults.rows import fly_rows, save
+    from flatsat_ros.falsification.faults.rows import fly_rows
     from flatsat_ros.falsification.faults.table import FAULTS
 
     workers = os.cpu_count() or 1 if arguments.workers is None else arguments.workers
     if workers < 1:
         raise FlatsatError(f"--workers {workers}: must be at least 1")
-    folder = _FOLDER if arguments.output is None else arguments.output
-    shell.require_folder(folder, [_TABLE, _PAGE])
-    names = list(FAULTS) if arguments.fault is None else [arguments.fault]
     phases = list(Phase) if arguments.phase is None else [Phase(arguments.phase)]
-    wanted = [(name, phase) for name in names for phase in phases]
-    rows = []
+    wanted = [(name, phase) for name in _names(arguments, FAULTS) for phase in phases]
+    return _collect(fly_rows(wanted, workers), len(wanted), _folder(arguments))
+
+
+def _fly_live(arguments: argparse.Namespace) -> int:
+    from flatsat_ros.demo.live import require_ros
+    from flatsat_ros.falsification.faults.live import fly_live
+    from flatsat_ros.falsification.faults.live_table import LIVE_FAULTS
+
+    shell.require_alone(arguments, "live", "fault", "output")
+    require_ros()
+    folder = _folder(arguments)
+    names = _names(arguments, LIVE_FAULTS)
+    return _collect(fly_live(names, folder / "log"), len(names), folder)
+
+
+def _names(arguments: argparse.Namespace, faults: Mapping[str, object]) -> list[str]:
+    from flatsat_ros.base.errors import FlatsatError
+
+    if arguments.fault is None:
+        return list(faults)
+    if arguments.fault not in faults:
+        raise FlatsatError(f"--fault {arguments.fault}: must be one of {', '.join(faults)}")
+    return [arguments.fault]
+
+
+def _folder(arguments: argparse.Namespace) -> Path:
+    folder: Path = _FOLDER if arguments.output is None else arguments.output
+    shell.require_folder(folder, [_TABLE, _PAGE])
+    return folder
+
+
+def _collect(flown: Generator[Row], count: int, folder: Path) -> int:
+    """Show how far it is, write what came of it beside what was there, and return the exit code."""
+    from tqdm import tqdm
+
+    from flatsat_ros.base.files import write_text
+    from flatsat_ros.falsification.faults.page import page, summary
+    from flatsat_ros.falsification.faults.rows import load, merged, save
+
+    rows: list[Row] = []
     began = time.monotonic()
-    with (
-        closing(fly_rows(wanted, workers)) as flown,
-        tqdm(total=len(wanted), desc="faults", bar_format=_BAR, mininterval=0.5) as bar,
-    ):
+    with closing(flown), tqdm(total=count, desc="faults", bar_format=_BAR, mininterval=0.5) as bar:
         for row in flown:
             rows.append(row)
             failed = sum(row.failed for row in rows)
             bar.set_postfix_str(f"{failed} failed, {row.fault}:{row.phase}", refresh=False)
             bar.update()
-    save(rows, folder / _TABLE)
-    write_text(folder / _PAGE, page(rows))
+    table = folder / _TABLE
+    kept = merged(load(table) if table.exists() else [], rows)
+    save(kept, table)
+    write_text(folder / _PAGE, page(kept))
     for row in rows:
         if row.failed:
             print(f"FAILED {row.fault}:{row.phase}: {'; '.join(row.broken)}")

@@ -27,7 +27,7 @@ NAMESPACE = "/demo"
 BAG = "bag"  # in the folder of the results
 _DISCOVERY = 30.0  # s, until all nodes must have found each other
 _LISTENING = 1.0  # s, in which another demo would be noticed
-_SLICE = 0.02  # s
+SLICE = 0.02  # s
 _ANSWER = 10.0  # s, that the answer of a service may take
 _READY = 10.0  # s, after which a drone that still may not take off fails the flight
 _AGAIN = 0.5  # s, after which a take-off is asked for again; modes are known by then
@@ -53,15 +53,15 @@ def fly(scenario: Scenario, folder: Path) -> FlightRecord:
         FlatsatError: the nodes did not find each other, one died, another demo is running, the controller refused to
             arm, take off or land, or a drone did not arrive at its first way-point.
     """
-    from flatsat_ros.nodes.conductor import conducting
+    from flatsat_ros.nodes.conductor import Conductor, conducting
     from flatsat_ros.nodes.ros.bag import write_bag
 
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     vehicle = load_vehicle(VEHICLE)
-    with conducting(scenario.robots, NAMESPACE) as conductor:
+    with conducting(scenario.robots, NAMESPACE, Conductor) as conductor:
         _listen_for_others(conductor)
         with running(commands_of(scenario, NAMESPACE), folder / "log") as nodes:
-            stage = _Live(conductor, nodes)
+            stage = Live(conductor, nodes)
             stage.wait_for_nodes()
             start = perform(scenario, stage)
         write_bag(folder / BAG, conductor.recorded)
@@ -76,8 +76,8 @@ def fly(scenario: Scenario, folder: Path) -> FlightRecord:
 
 def _listen_for_others(conductor: Conductor) -> None:
     """Refuse to fly among the messages of another demo."""
-    for _ in range(round(_LISTENING / _SLICE)):
-        conductor.spin(_SLICE)
+    for _ in range(round(_LISTENING / SLICE)):
+        conductor.spin(SLICE)
         if conductor.occupied():
             raise FlatsatError(
                 f"somebody already uses topics below {NAMESPACE} in this ROS domain: "
@@ -85,7 +85,7 @@ def _listen_for_others(conductor: Conductor) -> None:
             )
 
 
-class _Live(Stage):
+class Live(Stage):
     """The nodes, asked and heard through the conductor; a step lets messages come in, and all nodes must live."""
 
     def __init__(self, conductor: Conductor, nodes: Nodes) -> None:
@@ -103,7 +103,7 @@ class _Live(Stage):
         Raises:
             FlatsatError: a node died.
         """
-        self._conductor.spin(_SLICE)
+        self._conductor.spin(SLICE)
         require_alive(self._nodes)
 
     def wait_for_nodes(self) -> None:

@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -20,15 +20,10 @@ Nodes = Mapping[str, "subprocess.Popen[bytes]"]
 
 def commands_of(scenario: Scenario, namespace: str) -> dict[str, list[str]]:
     """Return the command line of every node by name: one controller, and a sim_drone for each drone."""
-
-    def node(module: str, parameters: dict[str, str]) -> list[str]:
-        settings = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
-        program = [sys.executable, "-m", "flatsat_ros.demo.leashed", f"flatsat_ros.nodes.{module}"]
-        return [*program, "--ros-args", "-r", f"__ns:={namespace}", *settings]
-
     commands = {
-        "controller": node(
+        "controller": command_of(
             "controller_node",
+            namespace,
             {
                 "robot_names": f"[{','.join(scenario.robots)}]",
                 "certificate": str(scenario.certificate_path.resolve()),
@@ -43,8 +38,9 @@ def commands_of(scenario: Scenario, namespace: str) -> dict[str, list[str]]:
         )
     }
     for i, (robot, start) in enumerate(zip(scenario.robots, scenario.start.tolist(), strict=True)):
-        commands[f"sim_drone_{robot}"] = node(
+        commands[f"sim_drone_{robot}"] = command_of(
             "sim_drone",
+            namespace,
             {
                 "robot_names": f"[{robot}]",
                 "vehicle": VEHICLE,
@@ -57,11 +53,31 @@ def commands_of(scenario: Scenario, namespace: str) -> dict[str, list[str]]:
     return commands
 
 
+def command_of(module: str, namespace: str, parameters: Mapping[str, str]) -> list[str]:
+    """Return the command line of a node that ends with this process, however that ends.
+
+    Args:
+        module: of flatsat_ros.nodes.
+        namespace: in which it runs.
+        parameters: values as on a command line.
+    """
+    settings = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
+    program = [sys.executable, "-m", "flatsat_ros.demo.leashed", f"flatsat_ros.nodes.{module}"]
+    return [*program, "--ros-args", "-r", f"__ns:={namespace}", *settings]
+
+
+def start(command: Sequence[str], log: Path) -> subprocess.Popen[bytes]:
+    """Start a node and let it write into a log file.
+
+    It is no member of the terminal's group: Ctrl-C reaches this process alone, which then ends it.
+    """
+    with log.open("wb") as stream:
+        return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=stream, stderr=stream, start_new_session=True)
+
+
 @contextmanager
 def running(commands: Mapping[str, list[str]], logs: Path) -> Iterator[Nodes]:
     """Start the processes, each with its own log file, and end them, whatever happens in between.
-
-    They are no members of the terminal's group: Ctrl-C reaches this process alone, which then ends them.
 
     Raises:
         FlatsatError: a process that was still running at the end did not leave by itself with exit code 0.
@@ -70,15 +86,12 @@ def running(commands: Mapping[str, list[str]], logs: Path) -> Iterator[Nodes]:
     started: dict[str, subprocess.Popen[bytes]] = {}
     try:
         for name, command in commands.items():
-            with (logs / f"{name}.log").open("wb") as log:
-                started[name] = subprocess.Popen(
-                    command, stdin=subprocess.PIPE, stdout=log, stderr=log, start_new_session=True
-                )
+            started[name] = start(command, logs / f"{name}.log")
         yield started
     except BaseException:
-        _end(started)
+        end(started)
         raise
-    unclean = _end(started)
+    unclean = end(started)
     if unclean:
         raise FlatsatError(f"{', '.join(unclean)} did not end cleanly; see {logs}")
 
@@ -94,7 +107,7 @@ def require_alive(nodes: Nodes) -> None:
             raise FlatsatError(f"node {name} died in flight with exit code {process.returncode}; see its log")
 
 
-def _end(nodes: Nodes) -> list[str]:
+def end(nodes: Nodes) -> list[str]:
     """End all processes and return the names of those that did not leave by themselves with exit code 0."""
     for process in nodes.values():
         if process.poll() is None:

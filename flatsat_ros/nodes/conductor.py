@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import TypeVar
 
 import numpy as np
 import rclpy
@@ -34,7 +35,7 @@ _REQUESTS = {
     "takeoff": (Trigger, Trigger.Request()),
     "land": (Trigger, Trigger.Request()),
 }
-_MODE = FIELDS.index("mode")
+MODE = FIELDS.index("mode")
 
 
 class Conductor(Node):
@@ -72,9 +73,10 @@ class Conductor(Node):
         }
         for robot in robots:
             for topic in _RECORDED:
-                self._record(topic, robot)
+                self.record(topic, robot)
 
-    def _record(self, topic: Topic, robot: str) -> None:
+    def record(self, topic: Topic, robot: str) -> None:
+        """Record the messages of one topic of a robot."""
         name = topic.of(robot)
         full_name = f"{self.get_namespace()}/{name}"
         full_kind = f"{topic.kind.__module__.split('.')[0]}/msg/{topic.kind.__name__}"
@@ -124,7 +126,7 @@ class Conductor(Node):
     def robots_in(self, *modes: Mode) -> list[str]:
         """Return the robots whose newest telemetry reports one of these flight modes."""
         rows = {robot: _row(self._newest[interfaces.TELEMETRY.of(robot)]) for robot in self._robots}
-        return [robot for robot, row in rows.items() if row[_MODE] in modes]
+        return [robot for robot, row in rows.items() if row[MODE] in modes]
 
     def ask(self, name: str, who: str = interfaces.ALL) -> Future:
         """Ask the controller to arm, takeoff or land; the answer comes in while spinning."""
@@ -134,10 +136,12 @@ class Conductor(Node):
         """Return why the controller refused what it was asked for, nothing if it did not; the answer must be there."""
         return messages.refusal_from_answer(answer.result())
 
-    def send_goal(self, index: int, position: Sequence[float]) -> None:
-        """Send a set-point, m, world frame, to one robot."""
+    def send_goal(
+        self, index: int, position: Sequence[float], orientation: Sequence[float] = (0.0, 0.0, 0.0, 1.0)
+    ) -> None:
+        """Send a set-point, m, world frame, with an orientation x, y, z, w to one robot."""
         message = messages.pose_message()
-        messages.fill_pose(message, self.now(), position, (0.0, 0.0, 0.0, 1.0))
+        messages.fill_pose(message, self.now(), position, orientation)
         self._goals[index].publish(message)
 
     def send_trajectory(self, index: int, trajectory: Trajectory, start: int) -> None:
@@ -184,11 +188,19 @@ def _row(data: bytes) -> FloatArray:
     return messages.telemetry_from_message(deserialize_message(data, interfaces.TELEMETRY.kind))
 
 
+C = TypeVar("C", bound=Conductor)
+
+
 @contextmanager
-def conducting(robots: Sequence[str], namespace: str) -> Iterator[Conductor]:
+def conducting(robots: Sequence[str], namespace: str, make: type[C]) -> Iterator[C]:
     """Run a conductor in this process; signals that stop it are delivered where messages are let in.
 
     Raised wherever it comes, an exception can get lost, as in a finalizer: a demo once flew on.
+
+    Args:
+        robots: names.
+        namespace: below which they are.
+        make: which conductor.
 
     Raises:
         FlatsatError: ROS does not start as it is set up.
@@ -200,12 +212,12 @@ def conducting(robots: Sequence[str], namespace: str) -> Iterator[Conductor]:
             raise FlatsatError(f"ROS does not start: {error}") from error
         executor = EventsExecutor()
         try:
-            conductor = Conductor(robots, namespace, executor, deliver)
+            conductor = make(robots, namespace, executor, deliver)
             executor.add_node(conductor)
             try:
                 yield conductor
             finally:
-                conductor.destroy_node()
+                Node.destroy_node(conductor)
         finally:
             executor.shutdown()
             rclpy.try_shutdown()

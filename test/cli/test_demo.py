@@ -201,10 +201,10 @@ def test_no_node_outlives_a_demo_that_is_ended(number: signal.Signals, live: sub
 
 
 def test_an_interrupt_is_raised_where_messages_are_let_in(ros_domain: int) -> None:
-    from flatsat_ros.nodes.conductor import conducting
+    from flatsat_ros.nodes.conductor import Conductor, conducting
 
     before = signal.getsignal(signal.SIGINT)
-    with conducting(["cf1"], "/interrupted") as conductor:
+    with conducting(["cf1"], "/interrupted", Conductor) as conductor:
         signal.raise_signal(signal.SIGINT)  # not here, where it might be lost
         with pytest.raises(KeyboardInterrupt):
             conductor.spin(0.01)

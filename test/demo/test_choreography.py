@@ -129,22 +129,22 @@ class Conductor:
 
 def test_only_drones_that_still_stand_are_asked_to_take_off_again() -> None:
     conductor = Conductor("cf2: no pose", "cf2: no pose", "ok", standing=("cf2",))
-    live._Live(conductor, {}).take_off()
+    live.Live(conductor, {}).take_off()
     assert conductor.asked == [("takeoff",), ("takeoff", "cf2"), ("takeoff", "cf2")]
 
 
 def test_a_take_off_that_stays_refused_is_an_error_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live, "_READY", 0.0)
     with pytest.raises(FlatsatError, match="cf2: takeoff refused: no pose"):
-        live._Live(Conductor("cf2: takeoff refused: no pose"), {}).take_off()
+        live.Live(Conductor("cf2: takeoff refused: no pose"), {}).take_off()
 
 
 def test_what_was_granted_may_come_with_a_remark() -> None:
     conductor = Conductor("ok, asked to arm")
-    live._Live(conductor, {}).arm()
+    live.Live(conductor, {}).arm()
     assert conductor.asked == [("arm",)]
 
 
 def test_a_refused_landing_is_an_error_with_the_reason() -> None:
     with pytest.raises(FlatsatError, match="cf1: land refused: the drone is in CUT"):
-        live._Live(Conductor("cf1: land refused: the drone is in CUT"), {}).land()
+        live.Live(Conductor("cf1: land refused: the drone is in CUT"), {}).land()

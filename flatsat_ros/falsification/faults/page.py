@@ -7,8 +7,9 @@ from collections.abc import Iterable, Sequence
 
 from flatsat_ros.falsification.faults.criteria import Remark
 from flatsat_ros.falsification.faults.fault import Fault
+from flatsat_ros.falsification.faults.live_table import LIVE_FAULTS, LiveFault
 from flatsat_ros.falsification.faults.phases import PLANS, Phase
-from flatsat_ros.falsification.faults.rows import Row
+from flatsat_ros.falsification.faults.rows import LIVE, Row
 from flatsat_ros.falsification.faults.scene import Scene
 from flatsat_ros.falsification.faults.table import ACCEPTED, FAULTS
 from flatsat_ros.flight.supervisor import Mode
@@ -33,18 +34,20 @@ sideways or above, m. **Bold** cells broke a bound.
 def page(rows: Sequence[Row]) -> str:
     """Return the page, in Markdown, of the rows flown."""
     found = {(row.fault, row.phase): row for row in rows}
-    faults = [fault for fault in FAULTS.values() if any(row.fault == fault.name for row in rows)]
-    phases = [phase for phase in Phase if any(row.phase == phase.value for row in rows)]
-    passed, accepted = sum(row.passed for row in rows), sum(row.accepted for row in rows)
-    parts = [
-        _HEAD,
-        f"{len(rows)} rows: {passed} passed, {accepted} accepted, {len(rows) - passed - accepted} failed.\n",
-    ]
-    parts.append("## Phases\n\n" + _table(["phase", "when the fault happens"], _phases(phases)))
-    head = ["fault", "what goes wrong", *(phase.value for phase in phases)]
-    cells = ([f"`{f.name}`", f.meaning, *(cell(found.get((f.name, p.value))) for p in phases)] for f in faults)
-    parts.append("## Results\n\n" + _table(head, cells))
+    faults = [fault for fault in FAULTS.values() if any((fault.name, phase.value) in found for phase in Phase)]
+    live = [fault for fault in LIVE_FAULTS.values() if (fault.name, LIVE) in found]
+    parts = [_HEAD, summary(rows) + "\n"]
+    if faults:
+        head = ["fault", "what goes wrong", *(phase.value for phase in Phase)]
+        cells = ([f"`{f.name}`", f.meaning, *(cell(found.get((f.name, p.value))) for p in Phase)] for f in faults)
+        parts.append("## Results\n\n" + _table(head, cells))
+        parts.append("When the fault happens:\n\n" + _table(["phase", "the drones"], _phases()))
+    if live:
+        cells = ([f"`{f.name}`", f.meaning, cell(found[f.name, LIVE])] for f in live)
+        parts.append("## Real processes\n\n" + _LIVE + "\n" + _table(["fault", "what goes wrong", "hover"], cells))
     parts.append("## Bounds\n\n" + _BOUNDS + "\n" + _table(_BOUNDS_HEAD, (_bounds(fault) for fault in faults)))
+    if live:
+        parts.append(_table(_BOUNDS_HEAD, (_bounds(fault) for fault in live)))
     parts.append("## Accepted\n\n" + (_accepted(rows) or "None.\n"))
     broken = [row for row in rows if row.failed]
     if broken:
@@ -69,26 +72,29 @@ def cell(row: Row | None) -> str:
     return text if row.passed else f"{text} (accepted)" if row.accepted else f"**{text}**"
 
 
+_LIVE = """`ros2 run flatsat_ros faults --live`: two drones hover; `sim_drone`, a relay with faults and `controller` are
+processes of their own. The speed at the floor is that between two poses, 10 ms apart.
+"""
 _BOUNDS = """What drones with the fault must keep. Drones without it keep flying, or land in a landing, within 0.5 m of
 their paths, and meet the floor at 1 m/s at most. No two drones come nearer than 0.4 m.
 """
 _BOUNDS_HEAD = ["fault", "the drone", "impact m/s", "distance m", "must be told (regular expression)"]
 
 
-def _bounds(fault: Fault) -> list[str]:
+def _bounds(fault: Fault | LiveFault) -> list[str]:
     """Return the row of a fault's bounds, those of single phases behind them."""
-    bounds = fault.bounds
-    others = "".join(f"; {phase.value}: {special.end.value}" for phase, special in fault.special.items())
+    bounds, special = fault.bounds, fault.special if isinstance(fault, Fault) else {}
+    others = "".join(f"; {phase.value}: {other.end.value}" for phase, other in special.items())
     told = f"`{bounds.told}`".replace("|", "\\|") if bounds.told else ""
     return [f"`{fault.name}`", bounds.end.value + others, f"{bounds.impact:g}", f"{bounds.distance:g}", told]
 
 
-def _phases(phases: Iterable[Phase]) -> list[list[str]]:
-    return [[phase.value, PLANS[phase].meaning] for phase in phases]
+def _phases() -> list[list[str]]:
+    return [[phase.value, PLANS[phase].meaning] for phase in Phase]
 
 
 def _accepted(rows: Iterable[Row]) -> str:
-    reasons = ((row, ACCEPTED[row.fault, Phase(row.phase)]) for row in rows if row.accepted)
+    reasons = ((row, ACCEPTED[row.fault, row.phase]) for row in rows if row.accepted)
     return "".join(f"- `{row.fault}:{row.phase}`: {'; '.join(row.broken)}. {reason}\n" for row, reason in reasons)
 
 

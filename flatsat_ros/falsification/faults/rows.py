@@ -15,7 +15,7 @@ import numpy as np
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.files import read_text, write_text
-from flatsat_ros.falsification.faults.criteria import broken
+from flatsat_ros.falsification.faults.criteria import Outcome, Remark, broken
 from flatsat_ros.falsification.faults.fault import Fault
 from flatsat_ros.falsification.faults.phases import PLANS, STANDING, Phase
 from flatsat_ros.falsification.faults.scene import Scene
@@ -23,6 +23,7 @@ from flatsat_ros.falsification.faults.table import ACCEPTED, FAULTS
 from flatsat_ros.falsification.workers import results_of
 
 SEED = 1
+LIVE = "live"  # the phase of rows that real processes flew
 _RESTING = 4.0  # s after which drones that stand on the floor are not watched any more
 _SLICE = 0.5  # s
 _PER_METRE = 5.0  # s more for every metre above the first
@@ -131,27 +132,51 @@ def _watch(scene: Scene, fault: Fault, begin: float) -> None:
 
 def _judged(name: str, phase: Phase, scene: Scene, begin: float) -> Row:
     """Watch a flight since its fault to its end, and judge it."""
-    fault, record = FAULTS[name], scene.record
+    fault = FAULTS[name]
     _watch(scene, fault, begin)
     if not fault.steps:
         begin = 0.0  # what was wrong from the first moment on may have been told of before
     victims = [drone for drone in fault.victims if drone < scene.fleet.count]
     bounds = fault.special.get(phase, fault.bounds)
     remarks = [remark for remark in scene.remarks if remark.time >= begin]
+    outcomes = scene.outcomes()
     problems = [f"the controller ended: {scene.failure}"] if scene.failure else []
-    problems += broken(scene.outcomes(), bounds, victims, remarks, lands=PLANS[phase].lands)
+    problems += broken(outcomes, bounds, victims, remarks, lands=PLANS[phase].lands)
+    return row_of(name, phase.value, scene.seed, outcomes, victims, remarks, problems)
+
+
+def row_of(
+    name: str,
+    phase: str,
+    seed: int,
+    outcomes: Sequence[Outcome],
+    victims: Sequence[int],
+    remarks: Iterable[Remark],
+    problems: list[str],
+) -> Row:
+    """Return the row of a flight.
+
+    Args:
+        name: of the fault.
+        phase: of flight.
+        seed: of everything random.
+        outcomes: of all drones.
+        victims: the drones with the fault.
+        remarks: what was told since the fault.
+        problems: the bounds that were broken.
+    """
     said = dict.fromkeys(f"drone {remark.drone}: {remark.text}" for remark in remarks if remark.drone in victims)
-    met = [float(record.impact[drone]) for drone in victims if record.met[drone]]
+    own = [outcomes[drone] for drone in victims]
     return Row(
         fault=name,
-        phase=phase.value,
+        phase=phase,
         passed=not problems,
         accepted=bool(problems) and (name, phase) in ACCEPTED,
-        impact_m_s=_rounded(max(met)) if met else None,
-        distance_m=_rounded(float(record.distance[victims].max())),
+        impact_m_s=max((_rounded(outcome.impact) or 0.0 for outcome in own if outcome.met), default=None),
+        distance_m=_rounded(float(np.max([outcome.distance for outcome in own]))),
         said=list(said)[:_REMARKS],
-        seed=scene.seed,
-        separation_m=_rounded(float(record.separation.min())),
+        seed=seed,
+        separation_m=_rounded(float(np.min([outcome.separation for outcome in outcomes]))),
         broken=problems,
     )
 
@@ -159,6 +184,11 @@ def _judged(name: str, phase: Phase, scene: Scene, begin: float) -> Row:
 def _rounded(value: float) -> float | None:
     """Return a figure in millimetres or mm/s, None for one that is not finite."""
     return round(value, 3) if math.isfinite(value) else None
+
+
+def merged(old: Iterable[Row], new: Iterable[Row]) -> list[Row]:
+    """Return rows with new ones in the place of old ones of the same fault and phase."""
+    return list({(row.fault, row.phase): row for row in (*old, *new)}.values())
 
 
 def save(rows: Iterable[Row], path: Path) -> None:

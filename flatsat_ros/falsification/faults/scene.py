@@ -31,7 +31,7 @@ NOISE = 5e-4  # m, standard deviation of the motion capture
 _TUNING = (2.0, 0.05, 1.0)
 _DISTURBANCE_MAX = 0.8  # m/s^2
 _ROUNDING = 1e-6  # s
-_TEXT = 160  # letters of a remark
+TEXT = 160  # letters of a remark
 _LOOK_EVERY = 10  # steps of integration between two looks at distances
 
 
@@ -154,7 +154,7 @@ class Scene:
             self.pass_by(end - self.time)
 
     def _fail(self, error: Exception) -> None:
-        self.failure = one_line(f"{type(error).__name__}: {error}", _TEXT)
+        self.failure = one_line(f"{type(error).__name__}: {error}", TEXT)
         self.pilot = None
 
     def pass_by(self, seconds: float) -> None:
@@ -164,7 +164,7 @@ class Scene:
 
     def tell(self, drone: int, text: str) -> None:
         """Note a remark."""
-        self.remarks.append(Remark(self.time, drone, one_line(text, _TEXT)))
+        self.remarks.append(Remark(self.time, drone, one_line(text, TEXT)))
 
     def ask(self, drone: int, request: Callable[[Pilot], object]) -> bool:
         """Ask something of the pilot for a drone, and return whether it was granted; a refusal is noted."""
@@ -212,7 +212,7 @@ class Scene:
 
     def _observe(self, _now: float, _samples: list[Sample], tick: Tick, sent: dict[int, WireSetpoint]) -> None:
         time = self.fleet.time
-        self.remarks += [Remark(time, drone, one_line(text, _TEXT)) for drone, text in told(tick)]
+        self.remarks += [Remark(time, drone, one_line(text, TEXT)) for drone, text in told(tick)]
         if self.moments is not None:
             bodies = self.fleet.bodies
             commands = [sent.get(index) for index in range(self.fleet.count)]

@@ -83,6 +83,17 @@ def fill_pose(
     q.x, q.y, q.z, q.w = (float(value) for value in quaternion)
 
 
+def set_frame(message: PoseStamped, frame: str) -> None:
+    """Write the frame that a pose is said to be in."""
+    message.header.frame_id = frame
+
+
+def pose_from_message(message: PoseStamped) -> tuple[int, tuple[float, ...], tuple[float, ...]]:
+    """Return stamp (ns), position (3,), m, and quaternion (4,), x, y, z, w, of a pose message."""
+    p, q = message.pose.position, message.pose.orientation
+    return nanoseconds_from_stamp(message.header.stamp), (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
+
+
 def fill_command(message: Twist, setpoint: WireSetpoint) -> None:
     """Write a set-point into a cmd_vel_legacy message."""
     message.linear.x, message.linear.y, message.linear.z = setpoint.pitch, setpoint.roll, setpoint.thrust
@@ -196,6 +207,11 @@ def fill_answer(answer: Any, done: bool, text: str) -> None:
 def refusal_from_answer(answer: Any) -> str:
     """Return why a service refused, nothing if it did not; crazyswarm2's services answer nothing and never refuse."""
     return "" if getattr(answer, "success", True) else str(answer.message)
+
+
+def refusal_of_parameters(answer: Any) -> str:
+    """Return why parameters were not set, nothing if all were; of rcl_interfaces' SetParameters."""
+    return "; ".join(result.reason for result in answer.results if not result.successful)
 
 
 def rise_from_request(request: Any) -> tuple[float, float, float]:
