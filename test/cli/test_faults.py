@@ -24,6 +24,23 @@ def test_rows_are_flown_and_written(workers: str, tmp_path: Path, capsys: pytest
     assert "| `nothing` |" in (tmp_path / "out" / "faults.md").read_text(encoding="utf-8")
 
 
+def test_rows_that_were_flown_before_stay_until_they_are_flown_again(tmp_path: Path) -> None:
+    def table() -> list[dict[str, object]]:
+        return list(json.loads((tmp_path / "table.json").read_text(encoding="utf-8"))["rows"])
+
+    def fly(phase: str) -> None:
+        main(["--fault", "emergency_early", "--phase", phase, "--workers", "1", "--output", str(tmp_path)])
+
+    fly("take-off")
+    (first,) = table()
+    first["said"] = ["long ago"]
+    (tmp_path / "table.json").write_text(json.dumps({"rows": [first]}), encoding="utf-8")
+    fly("landing")
+    assert [(row["phase"], row["said"] == ["long ago"]) for row in table()] == [("take-off", True), ("landing", False)]
+    fly("take-off")
+    assert [(row["phase"], row["said"] == ["long ago"]) for row in table()] == [("take-off", False), ("landing", False)]
+
+
 def test_a_replay_comes_to_the_same_as_the_row(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code = main(["--fault", "emergency", "--phase", "take-off", "--workers", "1", "--output", str(tmp_path)])
     capsys.readouterr()
@@ -45,6 +62,8 @@ def test_a_replay_comes_to_the_same_as_the_row(tmp_path: Path, capsys: pytest.Ca
         ["--replay", "nothing:hovering"],
         ["--replay", "nothing:hover:-1"],
         ["--workers", "0"],
+        ["--fault", "nothings"],
+        ["--live", "--fault", "nothing"],
     ],
 )
 def test_what_cannot_be_used_is_refused_in_one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:

@@ -166,6 +166,7 @@ def test_a_folder_that_must_not_be_written_is_refused(tmp_path: Path) -> None:
         ("falsify", ["--replay", "hold:1:1", "--seed", "0", "--campaign", "hold"], "--campaign, --seed"),
         ("falsify", ["--replay", "hold:1:1", "--workers", "2", "--seconds", "9"], "--seconds, --workers"),
         ("faults", ["--replay", "y_up:hover", "--workers", "2", "--output", "x"], "--output, --workers"),
+        ("faults", ["--live", "--phase", "hover", "--workers", "2"], "--phase, --workers"),
         ("synthesize", ["--verify", "x.yaml", "--paper", "all"], "--paper"),
         ("synthesize", ["--verify", "x.yaml", "--force", "--plot", "x.png"], "--force, --plot"),
         ("synthesize", ["--paper", "all", "--cover", "1,1,1", "--output", "x.yaml"], "--cover, --output"),

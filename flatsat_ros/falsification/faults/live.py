@@ -7,7 +7,7 @@ import signal
 import subprocess
 from collections.abc import Generator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,8 +23,6 @@ from flatsat_ros.falsification.faults.rows import LIVE, Row, row_of
 from flatsat_ros.falsification.faults.scene import CERTIFICATE, TEXT, VEHICLE
 
 if TYPE_CHECKING:
-    from rclpy.task import Future
-
     from flatsat_ros.nodes.fault_lab import FaultLab
 
 ROBOTS = ("cf1", "cf2")
@@ -180,8 +178,8 @@ class LiveFlight(Live):
         """Ask a drone itself for an emergency stop or a reboot."""
         self._answer(self.conductor.ask_drone(drone, name))
 
-    def _answer(self, answer: Future) -> str:
-        """Wait for an answer and return why it is a refusal, nothing if it is none."""
+    def _answer(self, answer: Any) -> str:
+        """Wait for an answer of rclpy and return why it is a refusal, nothing if it is none."""
         return self.conductor.refusal(answer) if self.wait_until(answer.done, _ANSWER) else "no answer"
 
     def _remark(self, refusal: str) -> None:
