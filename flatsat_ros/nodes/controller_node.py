@@ -6,6 +6,7 @@ Callbacks convert and store. One fixed-rate tick, the certificate's period, comp
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TypeVar
@@ -49,7 +50,7 @@ _LOOK_PERIOD = 1.0
 
 Answer = TypeVar("Answer", SetBool.Response, Trigger.Response)
 
-# how long the last commands may take to be acknowledged, and a hand-over to be through, s
+# how long the last commands may take to be acknowledged, s
 _FAREWELL = 0.5
 
 # parameter, what it means, unit, default and range of the tuning; Tuning's fields in order
@@ -75,6 +76,8 @@ _POLICY = (
 
 class ControllerNode(ProgramNode):
     """ROS shell of `Pilot`."""
+
+    shutdown_time_max = 0.5  # s, for hand-overs
 
     def __init__(self) -> None:
         """Read the parameters, load the certificate and the vehicle, start the tick."""
@@ -134,16 +137,20 @@ class ControllerNode(ProgramNode):
             f"{1.0 / self._certificate.period:g} Hz, gain cap {self._certificate.gain_max:.4g}"
         )
 
+    def is_shut_down(self) -> bool:
+        """Tell whether every hand-over that has begun is through."""
+        return not any(link.is_releasing for link in self._links)
+
     def finish(self) -> None:
         """Send the last safe commands: level and sinking in the air, zero thrust otherwise; nothing to idle drones."""
-        end = self.get_clock().now() + Duration(seconds=_FAREWELL)
-        self.spin_while(lambda: any(link.is_releasing for link in self._links) and self.get_clock().now() < end)
         last = {index: self._pilot.last_command(index) for index in range(len(self.robots))}
         commanded = {index: command for index, command in last.items() if command is not None}
         for index, command in commanded.items():
             self._publish_command(index, command)
+        end = time.monotonic() + _FAREWELL
         for index in commanded:
-            self._command_publishers[index].wait_for_all_acked(Duration(seconds=_FAREWELL))
+            left = max(end - time.monotonic(), 0.0)
+            self._command_publishers[index].wait_for_all_acked(Duration(seconds=left))
 
     def _connect(self, index: int, robot: str) -> None:
         pose, goal, trajectory = interfaces.POSE, interfaces.GOAL, interfaces.TRAJECTORY

@@ -10,11 +10,11 @@ from importlib import import_module
 from typing import Any
 
 from rclpy.client import Client
-from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool
 
 from flatsat_ros.nodes.ros import interfaces, messages
+from flatsat_ros.nodes.ros.runtime import ProgramNode
 
 _PACKAGE = "crazyflie_interfaces"
 # The last set-point may still be under way when the drone is told that none follows; were it the last to arrive, the
@@ -34,7 +34,7 @@ def services() -> Any | None:
 class DroneLink:
     """What one robot's link can be asked for beside set-points: arming, and to give the drone to its own commander."""
 
-    def __init__(self, node: Node, robot: str) -> None:
+    def __init__(self, node: ProgramNode, robot: str) -> None:
         """Know no service yet: `find_services` looks for them."""
         self._node, self._robot = node, robot
         self._clients: dict[str, Client] = {}
@@ -67,7 +67,7 @@ class DroneLink:
             unusable = ", ".join(self._unusable.get(interfaces.ARM, []))
             why = f" of a type that is installed here, only {unusable}" if unusable else ""
             return f"{self._robot}: the drone itself was not asked: no service {self._robot}/{interfaces.ARM}{why}"
-        client.call_async(messages.arming_request(_kind_of(client), wanted)).add_done_callback(self._report)
+        self._ask(client, messages.arming_request(_kind_of(client), wanted), self._report)
         return f"{client.service_name} asked to {'arm' if wanted else 'disarm'}"
 
     def _report(self, future: Future) -> None:
@@ -94,7 +94,7 @@ class DroneLink:
             if not self._released:
                 self._pending -= 1
                 return
-            notify.call_async(_kind_of(notify).Request()).add_done_callback(stay)
+            self._ask(notify, _kind_of(notify).Request(), stay)
             self._node.get_logger().info(f"{notify.service_name}: no more set-points")
 
         def stay(_: Future) -> None:
@@ -105,6 +105,9 @@ class DroneLink:
 
         self._pending += 1
         timer = self._node.create_timer(SETTLED, tell)
+
+    def _ask(self, client: Client, request: Any, then: Callable[[Future], object]) -> None:
+        client.call_async(request).add_done_callback(self._node.faults.contained(client.service_name, then))
 
     @property
     def is_releasing(self) -> bool:
@@ -125,7 +128,7 @@ def _kind_of(client: Client) -> Any:
     return client.srv_type
 
 
-def serve_arming(node: Node, name: str, act: Callable[[bool], tuple[bool, str]]) -> None:
+def serve_arming(node: ProgramNode, name: str, act: Callable[[bool], tuple[bool, str]]) -> None:
     """Offer arming as crazyswarm2 does, or, without its interfaces, with an answer."""
     kinds = services()
 

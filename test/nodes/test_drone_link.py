@@ -11,6 +11,7 @@ from std_srvs.srv import SetBool
 
 from flatsat_ros.nodes import crazyswarm
 from flatsat_ros.nodes.crazyswarm import DroneLink
+from flatsat_ros.nodes.ros.faults import Faults
 
 OFFERED = {
     "/cf1/arm": ["crazyflie_interfaces/srv/Arm"],
@@ -61,6 +62,7 @@ class Node:
         self.timers: list[Callable[[], None]] = []
         self.said: list[str] = []
         self.answer: Any = SimpleNamespace()
+        self.faults = Faults(self.get_logger())
 
     def resolve_service_name(self, name: str) -> str:
         return f"/{name}"
@@ -190,3 +192,11 @@ def test_a_drone_taken_back_hears_nothing_more(node: Node, told: bool) -> None:
     flown.reclaim()
     node.let_pass()
     assert len(node.asked) == before
+
+
+def test_an_answer_that_cannot_be_read_is_said_and_ends_there(node: Node) -> None:
+    node.answer = SimpleNamespace(success=False)  # lacks its message
+    link(node).arm(True)
+    node.let_pass()
+    assert node.faults.counts == {"/cf1/arm": 1}
+    assert "AttributeError" in node.said[0]

@@ -78,7 +78,7 @@ def test_a_drone_whose_process_is_killed_is_given_up_and_flies_again_after_a_new
     assert controller.stop() == 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGINT])
 def test_a_controller_stopped_in_flight_leaves_its_drones_level_and_sinking(lab: Lab, number: signal.Signals) -> None:
     poses, commands = lab.watch(interfaces.POSE, "cf1"), lab.watch(interfaces.COMMAND, "cf1")
     idle = lab.watch(interfaces.COMMAND, "cf2")

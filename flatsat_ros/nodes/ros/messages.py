@@ -204,6 +204,13 @@ def fill_answer(answer: Any, done: bool, text: str) -> None:
     answer.success, answer.message = done, text
 
 
+def failure_answer(answer: Any, text: str) -> Any:
+    """Return the answer to a request that failed, with the reason where its kind has room for one."""
+    if "success" in answer.get_fields_and_field_types():
+        fill_answer(answer, False, text)
+    return answer
+
+
 def refusal_from_answer(answer: Any) -> str:
     """Return why a service refused, nothing if it did not; crazyswarm2's services answer nothing and never refuse."""
     return "" if getattr(answer, "success", True) else str(answer.message)

@@ -1,65 +1,156 @@
-"""How a node of this package lives: start, spin until a signal, finish what must be finished, leave."""
+"""How a node of this package lives: start, spin until a signal, leave what it flies in a safe state, end."""
 
 from __future__ import annotations
 
+import difflib
+import inspect
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
+from typing import Any
 
 import rclpy
+from rclpy.callback_groups import CallbackGroup
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.exceptions import NameValidationException
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.service import Service
 from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+from rclpy.utilities import remove_ros_args
 
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError, quoted
+from flatsat_ros.nodes.ros import messages
+from flatsat_ros.nodes.ros.faults import Faults
 
 # a signal is noticed within this time, s
 _PATIENCE = 0.1
-# a condition is looked at this often while a node finishes, s
-_FINISHING_PATIENCE = 0.05
+# a condition is looked at this often while a node shuts down, s
+_SHUTDOWN_PATIENCE = 0.05
+# what is left to do in a shutdown is said this often, s
+_PROGRESS_PERIOD = 1.0
+# what ROS takes after --ros-args, for a hint
+_ROS_ARGUMENTS = ("--param", "--params-file", "--remap", "--log-level", "--log-config-file", "--enclave")
 
 
 class ProgramNode(Node):
     """A node that is a whole program.
 
+    Its timers stand on steady time, which nobody sets, and an exception ends with the callback that raised it.
+
     Attributes:
         done: whether it has nothing left to do and the program shall end.
         exit_code: of the program.
+        faults: what failed in callbacks so far.
+        shutdown_time_max: how long a shutdown may take before it is broken off, s.
     """
+
+    shutdown_time_max = 10.0
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self.done = False
         self.exit_code = 0
+        self.faults = Faults(self.get_logger())
+        self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self.add_on_set_parameters_callback(self._keep_time_source)
+
+    def begin_shutdown(self) -> None:
+        """Begin to leave the world in a safe state; callbacks go on until `is_shut_down`."""
+
+    def is_shut_down(self) -> bool:
+        """Tell whether nothing is left to wait for."""
+        return True
+
+    def shutdown_progress(self) -> str:
+        """Return a sentence on what is still waited for, told once a second; nothing by default."""
+        return ""
 
     def finish(self) -> None:
-        """Leave the world in a safe state at the end of the program; publishers and `spin_while` still work."""
+        """Do the last thing, after the shutdown or instead of the rest of it; publishers and `spin_while` work."""
 
     def spin_while(self, condition: Callable[[], bool]) -> None:
         """Let callbacks run for as long as the condition holds; for `finish`."""
         executor = self.executor
         while executor is not None and condition():
-            executor.spin_once(timeout_sec=_FINISHING_PATIENCE)
+            spin_once(executor, self.faults, _SHUTDOWN_PATIENCE)
+
+    def create_timer(
+        self,
+        timer_period_sec: float,
+        callback: Callable[[], object],
+        callback_group: CallbackGroup | None = None,
+        clock: Clock | None = None,
+        autostart: bool = True,
+    ) -> Timer:
+        """Create a timer as `Node.create_timer` does, on steady time."""
+
+        def call() -> None:
+            with self.faults.contain(f"timer of {timer_period_sec:g} s"):
+                callback()
+
+        return super().create_timer(timer_period_sec, call, callback_group, clock or self._steady_clock, autostart)
+
+    def create_subscription(
+        self, msg_type: type[Any], topic: str, callback: Callable[[Any], object], *args: Any, **options: Any
+    ) -> Subscription:
+        """Create a subscription as `Node.create_subscription` does."""
+        safe = self.faults.contained(topic, callback)
+        return super().create_subscription(msg_type, topic, safe, *args, **options)
+
+    def create_service(
+        self, srv_type: type[Any], srv_name: str, callback: Callable[[Any, Any], Any], *args: Any, **options: Any
+    ) -> Service:
+        """Create a service as `Node.create_service` does; a request whose callback fails is answered all the same."""
+
+        def serve(request: Any, answer: Any) -> Any:
+            with self.faults.contain(srv_name):
+                return callback(request, answer)
+            return messages.failure_answer(answer, "failed by an error of the program: see the log")
+
+        return super().create_service(srv_type, srv_name, serve, *args, **options)
+
+    def _keep_time_source(self, parameters: Sequence[Parameter]) -> Any:
+        """Refuse another time source in flight: all stamps would change their meaning at once."""
+        for parameter in parameters:
+            if parameter.name == "use_sim_time" and parameter.value != self.get_parameter("use_sim_time").value:
+                return messages.parameters_answer(
+                    f"use_sim_time = {quoted(parameter.value)}: cannot change while the node runs; give it at the start"
+                )
+        return messages.parameters_answer()
 
 
 def run(make_node: Callable[[], ProgramNode], arguments: Sequence[str] | None = None) -> int:
-    """Run one node until SIGINT, SIGTERM or its own `done`; return the process's exit code.
+    """Run one node until SIGINT, SIGTERM, SIGHUP or its own `done`; return the process's exit code.
 
     rclpy's own signal handlers close the context under the running callbacks, after which nothing can be published;
-    ours only set a flag, so that `finish` can still send the last commands. A further SIGINT is ignored while it does.
+    ours only take a note. Then the node shuts down while its callbacks go on. A second signal does not shorten that,
+    but for a SIGINT: after it only `finish` is called. SIGHUP is left alone where it is ignored, as nohup wants it.
     The handlers of before are back when this returns.
     """
-    stopped: list[int] = []
-    with _handling_signals(lambda number, _: stopped.append(number)):
+    arguments = list(sys.argv if arguments is None else arguments)
+    with _signals() as signals:
         try:
-            options = SignalHandlerOptions.NO
-            rclpy.init(args=None if arguments is None else list(arguments), signal_handler_options=options)
-        except RuntimeError as error:  # RCLError: arguments that ROS itself does not take
+            rest = remove_ros_args(arguments)[1:]
+            if {"-h", "--help"} & set(rest):
+                print(_usage(make_node, arguments))
+                return 0
+            if rest:
+                return _refuse(_misplaced(rest[0]))
+            rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        except rclpy_implementation.UnknownROSArgsError as error:
+            return _refuse(f"ROS does not take {error}: must be {', '.join(_ROS_ARGUMENTS)} with what belongs to it")
+        except RuntimeError as error:  # RCLError: a value or a file that ROS does not take
             return _refuse(" ".join(str(error).split()))
         try:
             node = make_node()
@@ -69,10 +160,10 @@ def run(make_node: Callable[[], ProgramNode], arguments: Sequence[str] | None = 
         executor: Executor = EventsExecutor()
         executor.add_node(node)
         try:
-            while not stopped and not node.done:
-                executor.spin_once(timeout_sec=_PATIENCE)
+            while not signals and not node.done:
+                spin_once(executor, node.faults, _PATIENCE)
+            _shut_down(node, executor, signals)
         finally:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
             node.finish()
             executor.shutdown()
             node.destroy_node()
@@ -80,15 +171,65 @@ def run(make_node: Callable[[], ProgramNode], arguments: Sequence[str] | None = 
         return node.exit_code
 
 
+def spin_once(executor: Executor, faults: Faults, patience: float) -> None:
+    """Let callbacks run for at most some seconds; what rclpy's own services and futures raise ends here."""
+    with faults.contain("callback"):
+        executor.spin_once(timeout_sec=patience)
+
+
+def _shut_down(node: ProgramNode, executor: Executor, signals: Sequence[int]) -> None:
+    """Let the node shut down, saying once a second what is left, until it has, its time is over or SIGINT comes."""
+    begun, said = time.monotonic(), -_PROGRESS_PERIOD
+    ended_by = len(signals)
+    with node.faults.contain("shutdown"):
+        node.begin_shutdown()
+        while not node.is_shut_down() and signal.SIGINT not in signals[ended_by:]:
+            elapsed = time.monotonic() - begun
+            if elapsed > node.shutdown_time_max:
+                node.get_logger().error(f"not shut down within {node.shutdown_time_max:g} s: ends all the same")
+                return
+            if elapsed - said >= _PROGRESS_PERIOD:
+                said = elapsed
+                if text := node.shutdown_progress():
+                    node.get_logger().info(text)
+            spin_once(executor, node.faults, _SHUTDOWN_PATIENCE)
+
+
 @contextmanager
-def _handling_signals(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
-    """Have SIGINT and SIGTERM call a handler; put the handlers of before back at the end."""
-    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
+def _signals() -> Iterator[Sequence[int]]:
+    """Note the signals that end a program, in the order in which they come; put the old handlers back at the end."""
+    noted: list[int] = []
+    ending = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        ending.append(signal.SIGHUP)
+
+    def note(number: int, _: FrameType | None) -> None:
+        noted.append(number)
+
+    before = {number: signal.signal(number, note) for number in ending}
     try:
-        yield
+        yield noted
     finally:
         for number, old in before.items():
             signal.signal(number, signal.SIG_DFL if old is None else old)
+
+
+def _misplaced(argument: str) -> str:
+    """Return why an argument that ROS would ignore is refused, and what was meant."""
+    if ":=" in argument:
+        return f"argument {quoted(argument)}: must stand behind --ros-args: --ros-args -p {quoted(argument)[1:-1]}"
+    near = difflib.get_close_matches(argument, ("--ros-args", *_ROS_ARGUMENTS), n=1)
+    meant = f"; the nearest is {near[0]}" if near else ""
+    return f"argument {quoted(argument)}: must be --help, or --ros-args and behind it what ROS takes{meant}"
+
+
+def _usage(make_node: Callable[[], ProgramNode], arguments: Sequence[str]) -> str:
+    """Return what --help says: what the program does, and where to find its parameters."""
+    purpose = (inspect.getmodule(make_node) or make_node).__doc__ or ""
+    return (
+        f"usage: {Path(arguments[0]).name} [--ros-args [-p NAME:=VALUE ...] [--params-file FILE] [-r FROM:=TO ...]]\n\n"
+        f"{purpose.strip()}\n\nParameters, topics and services: docs/interfaces.md"
+    )
 
 
 def _refuse(reason: str) -> int:

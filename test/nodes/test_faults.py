@@ -1,0 +1,82 @@
+"""Exceptions end where they happen: counted, told once in a while, with a traceback where the program is at fault."""
+
+from __future__ import annotations
+
+import pytest
+
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.nodes.ros.faults import Faults
+
+
+class Log:
+    """Keeps what is told."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def error(self, text: str) -> None:
+        self.lines.append(text)
+
+
+@pytest.fixture
+def log() -> Log:
+    return Log()
+
+
+def refuse(faults: Faults, name: str, reason: str = "x is 1: valid is 2") -> None:
+    with faults.contain(name):
+        raise FlatsatError(reason)
+
+
+def test_what_fails_inside_does_not_reach_what_stands_around(log: Log) -> None:
+    faults = Faults(log)  # type: ignore[arg-type]
+    with faults.contain("cf1/goal_pose"):
+        raise OverflowError("too large")
+    with faults.contain("cf1/goal_pose"):
+        reached = True
+    assert reached
+    assert faults.counts == {"cf1/goal_pose": 1}
+    (said,) = log.lines
+    assert said.startswith("cf1/goal_pose failed: OverflowError: too large\n")
+    assert "Traceback" in said
+    assert "test_faults.py" in said
+
+
+def test_a_refusal_is_one_line(log: Log) -> None:
+    faults = Faults(log)  # type: ignore[arg-type]
+    refuse(faults, "cf1/pose", "x is\n1: valid is 2")
+    assert log.lines == ["cf1/pose: x is 1: valid is 2"]
+
+
+def test_an_interrupt_is_not_taken(log: Log) -> None:
+    with pytest.raises(KeyboardInterrupt), Faults(log).contain("tick"):  # type: ignore[arg-type]
+        raise KeyboardInterrupt
+
+
+def test_the_same_fault_is_told_again_after_ten_seconds_with_its_number(log: Log) -> None:
+    now = [0.0]
+    faults = Faults(log, lambda: now[0])  # type: ignore[arg-type]
+    for tenth in range(101):
+        now[0] = tenth / 10.0
+        refuse(faults, "cf1/pose")
+    assert log.lines == ["cf1/pose: x is 1: valid is 2", "cf1/pose: x is 1: valid is 2 (101 times so far)"]
+
+
+def test_one_name_does_not_silence_another(log: Log) -> None:
+    faults = Faults(log, lambda: 0.0)  # type: ignore[arg-type]
+    for name in ("cf1/pose", "cf2/pose", "cf1/goal_pose", "cf10/pose", "cf1/pose"):
+        refuse(faults, name)
+    assert len(log.lines) == 4
+    assert (faults.count("cf1/"), faults.count("cf2/"), faults.count("cf")) == (3, 1, 5)
+
+
+def test_what_is_told_is_bounded(log: Log) -> None:
+    def recurse() -> None:
+        recurse()
+
+    faults = Faults(log)  # type: ignore[arg-type]
+    with faults.contain("deep"):
+        recurse()
+    with faults.contain("long"):
+        raise ValueError("x" * 1_000_000)
+    assert all(len(line) < 6000 for line in log.lines)
