@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Sequence
 
 from std_msgs.msg import Float64MultiArray
@@ -17,7 +18,7 @@ from flatsat_ros.base.strict_yaml import read_yaml, write_yaml
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.identification.hover import thrust_scale
 from flatsat_ros.nodes.ros import interfaces, messages
-from flatsat_ros.nodes.ros.parameters import declare, declare_robot_name
+from flatsat_ros.nodes.ros.parameters import declare, declare_robot_name, require_known_parameters
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 
 _SILENCE = 5.0  # s without telemetry after which it gives up
@@ -40,6 +41,7 @@ class CalibrateHover(ProgramNode):
         output = declare(self, "output", "", "profile to write: path of a YAML file that does not exist yet")
         self._seconds = declare(self, "seconds", 10.0, "how long to measure", unit="s", bounds=(2.0, 600.0))
         self._gravity = declare(self, "gravity", GRAVITY, "as in the certificate", unit="m/s^2", bounds=(0.1, 100.0))
+        require_known_parameters(self)
         if not output:
             raise FlatsatError("parameter output is empty: must be the path of a YAML file")
         self._output = user_path(output)
@@ -48,7 +50,7 @@ class CalibrateHover(ProgramNode):
         VehicleProfile.load(self._source)
         self.exit_code = 1
         self._rows: list[FloatArray] = []
-        self._begin = self._heard = self.get_clock().now().nanoseconds
+        self._begin = self._heard = time.monotonic()
         self._bar = tqdm(
             total=self._seconds, unit="s", desc="hover", bar_format="{desc} {bar} {n:.1f}/{total:.1f} {unit}"
         )
@@ -61,18 +63,18 @@ class CalibrateHover(ProgramNode):
         self._bar.close()
 
     def _on_telemetry(self, message: Float64MultiArray) -> None:
-        now = self.get_clock().now().nanoseconds
+        now = time.monotonic()
         if not self._rows:
             self._begin = now
         self._heard = now
         self._rows.append(messages.telemetry_from_message(message))
-        elapsed = (now - self._begin) * 1e-9
+        elapsed = now - self._begin
         self._bar.update(min(elapsed, self._seconds) - self._bar.n)
         if elapsed >= self._seconds and not self.done:
             self._write()
 
     def _on_timer(self) -> None:
-        silence = (self.get_clock().now().nanoseconds - self._heard) * 1e-9
+        silence = time.monotonic() - self._heard
         if silence > _SILENCE and not self.done:
             self._fail(f"no telemetry of {self._robot} for {silence:.0f} s: is the controller running?")
 

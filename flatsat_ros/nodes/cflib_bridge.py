@@ -29,7 +29,14 @@ from flatsat_ros.flight.supervisor import Policy
 from flatsat_ros.nodes import crazyswarm
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, Report
-from flatsat_ros.nodes.ros.parameters import declare, declare_choice, declare_robots, declare_vehicles, declare_yaw_mode
+from flatsat_ros.nodes.ros.parameters import (
+    declare,
+    declare_choice,
+    declare_robots,
+    declare_vehicles,
+    declare_yaw_mode,
+    require_known_parameters,
+)
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 
 if TYPE_CHECKING:
@@ -95,6 +102,7 @@ class CflibBridge(ProgramNode):
         everybody = interfaces.drone_service_of(interfaces.ALL, interfaces.EMERGENCY)
         self.create_service(Empty, everybody, partial(self._on_emergency, self.links))
         Diagnostics(self, self._report)
+        require_known_parameters(self)
         for link in self.links:
             link.start()
         pairs = zip(self.robots, addresses, strict=True)

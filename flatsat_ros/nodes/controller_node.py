@@ -42,6 +42,7 @@ from flatsat_ros.nodes.ros.parameters import (
     declare_vehicles,
     declare_yaw_mode,
     require_float_or_unset,
+    require_known_parameters,
 )
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 
@@ -112,6 +113,7 @@ class ControllerNode(ProgramNode):
             self, "takeoff_height", 0.5, "how high the takeoff service sends a drone", unit="m", bounds=(0.05, 100.0)
         )
         declare(self, "restart_gain", True, "a far new reference restarts the gain at gamma_0", changeable=True)
+        require_known_parameters(self)
         self._pilot = Pilot(self._certificate, self._tuning_with({}), policy, len(self.robots))
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._take_parameters)

@@ -13,7 +13,7 @@ from flatsat_ros.base.files import user_path
 from flatsat_ros.identification.recording import Recording, read_csv
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.bag import read_bag
-from flatsat_ros.nodes.ros.parameters import declare, declare_robot_name
+from flatsat_ros.nodes.ros.parameters import declare, declare_robot_name, require_known_parameters
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 
 # how often it looks whether someone listens, s
@@ -44,6 +44,7 @@ class MocapPlayer(ProgramNode):
         topic = declare(self, "topic", "", "PoseStamped topic of the bag; empty: its only one")
         self._rate = declare(self, "rate", 1.0, "pace; 2.0 is twice as fast as recorded", bounds=(1e-3, 1e3))
         self._loop = declare(self, "loop", False, "begin again at the end")
+        require_known_parameters(self)
         self._recording = _read(path, topic)
         for line in self._recording.torn:
             self.get_logger().warning(f"{path}, line {line} breaks off: left out")

@@ -22,7 +22,13 @@ from flatsat_ros.crazyflie.crazyflies_yaml import Robot
 from flatsat_ros.nodes import crazyswarm
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, Report
-from flatsat_ros.nodes.ros.parameters import declare, declare_robots, declare_vehicles, declare_yaw_mode
+from flatsat_ros.nodes.ros.parameters import (
+    declare,
+    declare_robots,
+    declare_vehicles,
+    declare_yaw_mode,
+    require_known_parameters,
+)
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 from flatsat_ros.sim.dynamics import Wind
 from flatsat_ros.sim.firmware import Firmware, State
@@ -55,6 +61,7 @@ class SimDrone(ProgramNode):
         robots = declare_robots(self)
         self.robots = [robot.name for robot in robots]
         self._fleets = self._build_fleets(robots)
+        require_known_parameters(self)
         drones = {
             robot: _Drone(fleet, number) for fleet, members in self._fleets for number, robot in enumerate(members)
         }

@@ -169,8 +169,11 @@ def test_it_leaves_cleanly_when_told_to(lab: Lab, number: signal.Signals) -> Non
         ({"start_positions": [0.0, 1.0]}, "entries of parameter start_positions = 2: must be 3"),
         ({"dynamics": "wrong"}, "identified or ideal"),
         ({"vehicle": "wrong"}, "cf21"),
-        ({"robots__cf9__vehicle": "cf21"}, "parameter robots.cf9.vehicle: no such name in robots: must be one of cf1"),
-        ({"robot_types__big__vehicle": "cf21"}, "no such name in robot_types: none is known here"),
+        (
+            {"robots__cf9__vehicle": "cf21"},
+            "robots.cf9.vehicle: not known here; the nearest is robots.cf1.vehicle",
+        ),
+        ({"robot_types__big__vehicle": "cf21"}, "parameter robot_types.big.vehicle: not known here"),
     ],
 )
 def test_bad_parameters_are_refused_in_one_line(lab: Lab, parameters: dict[str, Any], reason: str) -> None:
@@ -184,5 +187,5 @@ def test_bad_parameters_are_refused_in_one_line(lab: Lab, parameters: dict[str, 
 def test_arguments_that_ros_itself_refuses_end_it_without_a_traceback(lab: Lab) -> None:
     simulator = lab.start("sim_drone", **{"my drone": 1.0})
     assert simulator.wait() == 2
-    assert simulator.output.splitlines()[-1].startswith("error: failed to initialize rcl: Couldn't parse")
+    assert simulator.output.splitlines()[-1].startswith("error: Failed to parse ROS arguments: Couldn't parse")
     assert "Traceback" not in simulator.output

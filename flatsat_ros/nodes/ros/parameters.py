@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Sequence
 from enum import Enum
 from typing import TypeVar, cast
@@ -10,13 +11,20 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from flatsat_ros.base.errors import FlatsatError, refusal
+from flatsat_ros.base.errors import FlatsatError, quoted, refusal
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot, read_crazyflies
 from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
 from flatsat_ros.crazyflie.wire import YawMode
 from flatsat_ros.nodes.ros import messages
 
 E = TypeVar("E", bound=Enum)
+# parameters below these are ours alone; of one name in a file for several nodes, nobody knows whose it is
+_PREFIXES = ("robots", "robot_types")
+# how much two names must have in common, 0 to 1, for one to be taken for a misspelling of the other, or to be shown
+_NEAR, _FAR = 0.75, 0.4
+# what `ros2 param dump` writes for a parameter that is unset, as ROS reads it
+_UNSET = "null"
+
 T = TypeVar("T", bool, int, float, str, "list[str]", "list[float]")
 
 
@@ -88,13 +96,17 @@ def declare_yaw_mode(node: Node) -> YawMode:
 def declare_override(node: Node, name: str, meaning: str, unit: str = "") -> float | None:
     """Declare a per-robot floating-point parameter that is unset at first: the common one applies until it is set.
 
+    The value null means unset, too: so a file that `ros2 param dump` wrote can be given again.
+
     Raises:
         FlatsatError: the value given at start is not a floating-point number.
     """
     text = f"{meaning}; unset: the common value applies"
     descriptor = messages.parameter_descriptor(text, unit=unit, changeable=True, may_be_unset=True)
-    value = require_float_or_unset(name, node.declare_parameter(name, None, descriptor).value)
-    if value is None and name in node._parameter_overrides:  # see declare
+    given = node._parameter_overrides.get(name)
+    null = given is not None and given.value == _UNSET
+    value = require_float_or_unset(name, node.declare_parameter(name, None, descriptor, ignore_override=null).value)
+    if value is None and given is not None and not null:  # see declare
         raise FlatsatError(f"parameter {name} = []: must be a floating-point number, written with a decimal point")
     return value
 
@@ -133,8 +145,6 @@ def declare_vehicles(node: Node, robots: Sequence[Robot]) -> list[VehicleProfile
     """
     kind = "packaged name or path of a YAML file"
     common = declare(node, "vehicle", "cf21", f"vehicle profile: {kind}")
-    _refuse_unknown_names(node, "robots", [robot.name for robot in robots])
-    _refuse_unknown_names(node, "robot_types", sorted({robot.kind for robot in robots if robot.kind}))
     types = {
         name: declare(node, f"robot_types.{name}.vehicle", "", f"vehicle profile of type {name}; empty: the common one")
         for name in sorted({robot.kind for robot in robots if robot.kind})
@@ -146,17 +156,26 @@ def declare_vehicles(node: Node, robots: Sequence[Robot]) -> list[VehicleProfile
     return profiles
 
 
-def _refuse_unknown_names(node: Node, prefix: str, names: Sequence[str]) -> None:
-    """Refuse parameters given for a robot or type that is not there: ROS ignores them, and a drone would fly otherwise.
+def require_known_parameters(node: Node) -> None:
+    """Refuse parameters that were given but not declared; called when all are, before the node acts.
+
+    ROS ignores them, and a drone would fly otherwise than was meant. A file of parameters may serve several nodes: a
+    name that is neither below one of our prefixes nor near that of a parameter is told and ignored.
 
     Raises:
-        FlatsatError: one is given.
+        FlatsatError: names the parameter and the nearest that is known.
     """
-    for parameter in node._parameter_overrides:  # rclpy shows given but undeclared parameters nowhere else
-        given = parameter.removeprefix(f"{prefix}.")
-        if given != parameter and not any(given.startswith(f"{name}.") for name in names):
-            valid = f"must be one of {', '.join(names)}" if names else "none is known here"
-            raise FlatsatError(f"parameter {parameter}: no such name in {prefix}: {valid}")
+    # with the letters as they should be; a typing error in these is found, too
+    known = {name.lower(): name for name in node._parameters}
+    for name in node._parameter_overrides:  # rclpy shows given but undeclared parameters nowhere else
+        if node.has_parameter(name):
+            continue
+        ours = name.split(".")[0] in _PREFIXES
+        near = difflib.get_close_matches(name.lower(), known, n=1, cutoff=_FAR if ours else _NEAR)
+        if ours or near:
+            nearest = f"; the nearest is {known[near[0]]}" if near else ""
+            raise FlatsatError(f"parameter {quoted(name)[1:-1]}: not known here{nearest}")
+        node.get_logger().warning(f"parameter {quoted(name)[1:-1]} is not known here: ignored")
 
 
 def declare_robot_name(node: Node, meaning: str) -> str:

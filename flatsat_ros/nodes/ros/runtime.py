@@ -93,7 +93,7 @@ class ProgramNode(Node):
         clock: Clock | None = None,
         autostart: bool = True,
     ) -> Timer:
-        """Create a timer as `Node.create_timer` does, on steady time."""
+        """Create a timer, on steady time unless a clock is given."""
 
         def call() -> None:
             with self.faults.contain(f"timer of {timer_period_sec:g} s"):
@@ -104,14 +104,14 @@ class ProgramNode(Node):
     def create_subscription(
         self, msg_type: type[Any], topic: str, callback: Callable[[Any], object], *args: Any, **options: Any
     ) -> Subscription:
-        """Create a subscription as `Node.create_subscription` does."""
+        """Create a subscription."""
         safe = self.faults.contained(topic, callback)
         return super().create_subscription(msg_type, topic, safe, *args, **options)
 
     def create_service(
         self, srv_type: type[Any], srv_name: str, callback: Callable[[Any, Any], Any], *args: Any, **options: Any
     ) -> Service:
-        """Create a service as `Node.create_service` does; a request whose callback fails is answered all the same."""
+        """Create a service; a request whose callback fails is answered all the same."""
 
         def serve(request: Any, answer: Any) -> Any:
             with self.faults.contain(srv_name):

@@ -1,0 +1,163 @@
+"""What is given at the start: nothing meant for a node is ignored, and what `ros2 param dump` wrote loads again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+import yaml
+from rclpy.parameter import Parameter, parameter_value_to_python
+
+from flatsat_ros.identification.recording import COLUMNS
+from flatsat_ros.nodes.calibrate_hover import CalibrateHover
+from flatsat_ros.nodes.cflib_bridge import CflibBridge
+from flatsat_ros.nodes.controller_node import ControllerNode
+from flatsat_ros.nodes.mocap_player import MocapPlayer
+from flatsat_ros.nodes.ros.runtime import ProgramNode, run
+from flatsat_ros.nodes.sim_drone import SimDrone
+
+
+def given(**values: object) -> list[str]:
+    """Command line that gives parameters; `__` in a name stands for a dot."""
+    pairs = [("-p", f"{name.replace('__', '.')}:={value}") for name, value in values.items()]
+    return ["program", "--ros-args", *(word for pair in pairs for word in pair)]
+
+
+@pytest.fixture
+def needed(tmp_path: Path) -> dict[type[ProgramNode], dict[str, object]]:
+    """Parameters without which a node does not start."""
+    recording = tmp_path / "recording.csv"
+    recording.write_text(",".join(COLUMNS) + "\n0,0,0,0,0,0,0,1\n", encoding="utf-8")
+    return {MocapPlayer: {"file": recording}, CalibrateHover: {"output": tmp_path / "mine.yaml"}}
+
+
+@pytest.fixture
+def started() -> Iterator[Callable[..., Any]]:
+    """How to make a node with arguments; all are gone after the test."""
+    made: list[ProgramNode] = []
+
+    def start(make: type[ProgramNode], arguments: list[str]) -> ProgramNode:
+        while made:
+            made.pop().destroy_node()
+            rclpy.shutdown()
+        rclpy.init(args=arguments)
+        made.append(make())
+        return made[0]
+
+    yield start
+    for node in made:
+        node.destroy_node()
+    rclpy.try_shutdown()
+
+
+NEEDS_CFLIB = pytest.mark.skipif(not find_spec("cflib"), reason="an extra")
+NODES = [
+    (ControllerNode, "certifcate", "certificate"),
+    (SimDrone, "robot_name", "robot_names"),
+    (MocapPlayer, "Rate", "rate"),
+    (CalibrateHover, "robot_names", "robot_name"),
+    pytest.param(
+        CflibBridge,
+        "link_time_out",
+        "link_timeout",
+        marks=pytest.mark.skipif(not find_spec("cflib"), reason="an extra"),
+    ),
+]
+
+
+@pytest.mark.parametrize(("make", "misspelt", "meant"), NODES)
+def test_a_misspelt_name_is_refused_with_the_nearest(
+    make: type[ProgramNode],
+    misspelt: str,
+    meant: str,
+    needed: dict[type[ProgramNode], dict[str, object]],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    extra: dict[str, object] = {"uris": "['udp://127.0.0.1:19750']"} if make is CflibBridge else {}
+    assert run(make, given(**{misspelt: "x", **needed.get(make, {}), **extra})) == 2
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert line == f"error: parameter {misspelt}: not known here; the nearest is {meant}"
+
+
+@pytest.mark.parametrize(
+    ("name", "nearest"),
+    [
+        ("robots.cf2.mu", "robots.cf1.mu"),
+        ("robots.cf1.my", "robots.cf1.mu"),
+        ("robots.cf1", "robots.cf1.nu"),
+        ("robot_types.big.vehicle", "robots.cf1.vehicle"),
+        ("gama_max", "gamma_max"),
+        ("GAMMA_MAX", "gamma_max"),
+        ("thrust_max_error", "thrust_error_max"),
+    ],
+)
+def test_what_the_controller_does_not_know_is_refused(
+    name: str, nearest: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(ControllerNode, given(**{name: 1.0})) == 2
+    assert f"parameter {name}: not known here; the nearest is {nearest}" in capsys.readouterr().err
+
+
+def test_in_a_file_for_several_nodes_what_belongs_to_others_does_not_disturb(
+    started: Callable[..., Any], tmp_path: Path
+) -> None:
+    both = {"robot_names": ["cf1", "cf2"], "takeoff_height": 1.0, "mu": 1.0, "wind": [0.0, 0.0, 1.0], "drop_out": 0.1}
+    file = tmp_path / "both.yaml"
+    file.write_text(yaml.dump({"/**": {"ros__parameters": both}}), encoding="utf-8")
+    arguments = ["program", "--ros-args", "--params-file", str(file)]
+    for make in (ControllerNode, SimDrone):
+        node = started(make, arguments)
+        assert node.robots == ["cf1", "cf2"]
+
+
+def dumped(node: ProgramNode) -> str:
+    """What `ros2 param dump` writes: what the parameter services answer, nested at the dots, with PyYAML's dump."""
+    names = sorted(node.list_parameters([], 0).names)
+    nested: dict[str, Any] = {}
+    for parameter in node.get_parameters(names):
+        *folders, last = parameter.name.split(".")
+        place = nested
+        for folder in folders:
+            place = place.setdefault(folder, {})
+        place[last] = parameter_value_to_python(parameter.get_parameter_value())
+    return yaml.dump({f"/{node.get_name()}": {"ros__parameters": nested}}, default_flow_style=False)
+
+
+@pytest.mark.parametrize("make", [ControllerNode, SimDrone, MocapPlayer, CalibrateHover])
+def test_what_param_dump_wrote_loads_again(
+    make: type[ProgramNode],
+    started: Callable[..., Any],
+    needed: dict[type[ProgramNode], dict[str, object]],
+    tmp_path: Path,
+) -> None:
+    first = started(make, given(**needed.get(make, {})))
+    if make is ControllerNode:
+        changed = {"robots.cf1.mu": 1.0, "v_inf": 1e-7, "gamma_0": 2.0}
+        assert all(
+            result.successful for result in first.set_parameters([Parameter(n, value=v) for n, v in changed.items()])
+        )
+    written = dumped(first)
+    assert ("null" in written) == (make is ControllerNode), "unset values of its own are the point"
+    file = tmp_path / "dump.yaml"
+    file.write_text(written, encoding="utf-8")
+    again = started(make, ["program", "--ros-args", "--params-file", str(file)])
+    assert dumped(again) == written
+
+
+def test_null_stands_for_an_unset_value_and_other_words_do_not(
+    started: Callable[..., Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    node = started(ControllerNode, given(robots__cf1__mu="null", robots__cf1__nu=0.1))
+    assert [node.get_parameter(f"robots.cf1.{name}").value for name in ("mu", "nu")] == [None, 0.1]
+    node.destroy_node()
+    rclpy.shutdown()
+    for word in ("none", "[]", "1"):
+        assert run(ControllerNode, given(robots__cf1__mu=word)) == 2
+        assert "parameter robots.cf1.mu = " in capsys.readouterr().err
