@@ -108,16 +108,19 @@ def test_what_is_saved_comes_back_to_the_last_bit(certificate: Certificate, tmp_
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (lambda d: d.update(loop=None), "loop is missing: lag = 0.1 s and delay = 0.05 s need one"),
+        (lambda d: d.update(loop=None), "loop is missing: must be given for lag = 0.1 s and delay = 0.05 s"),
         (lambda d: d["sampling"].update(lag=0.0, delay=0.0), "loop is given, but neither lag nor delay"),
-        (lambda d: d["sampling"].update(delay=0.25), "loop has shape (4, 4): must be (6, 6)"),
+        (lambda d: d["sampling"].update(delay=0.25), "shape of loop = (4, 4): must be (6, 6)"),
         (lambda d: d["sampling"].update(lag=-0.1), "lag (tau) = -0.1 s"),
         (lambda d: d["loop"].update(diagonal=1), "loop: unknown key 'diagonal'"),
         (lambda d: d["loop"].pop("vertical"), "loop: key 'vertical' is missing"),
-        (lambda d: d["loop"]["horizontal"].pop(), "loop has shape (3, 4)"),
-        (lambda d: d["loop"].update(vertical=[[1.0]]), "loop_vertical has shape (1, 1)"),
-        (lambda d: d["lyapunov"].update(block_vertical=[[1.0]]), "block_vertical has shape (1, 1)"),
-        (lambda d: d["lyapunov"].update(block_vertical=[[1.0, 0.0], [0.0, 1.0]]), "differs from that of its blocks"),
+        (lambda d: d["loop"]["horizontal"].pop(), "shape of loop = (3, 4)"),
+        (lambda d: d["loop"].update(vertical=[[1.0]]), "shape of loop_vertical = (1, 1)"),
+        (lambda d: d["lyapunov"].update(block_vertical=[[1.0]]), "shape of block_vertical = (1, 1)"),
+        (
+            lambda d: d["lyapunov"].update(block_vertical=[[1.0, 0.0], [0.0, 1.0]]),
+            "that of its blocks = 0.78125: must be 0",
+        ),
         (lambda d: d.update(robust={"rate": 1.0}), "robust: key 'drift' is missing"),
         (lambda d: d.pop("robust"), "key 'robust' is missing"),
     ],
@@ -136,10 +139,10 @@ def test_a_document_that_contradicts_itself_is_refused(
     ("values", "text"),
     [
         ({"floor": 0.0}, "robust.floor = 0.0"),
-        ({"share": 1.0}, "robust.share = 1.0: must lie in (0, 1)"),
+        ({"share": 1.0}, "robust.share = 1.0: must be below 1"),
         ({"rate": math.nan}, "robust.rate = nan"),
         ({"drift": [1.0]}, "robust.drift"),
-        ({"push": [-1.0, 0.0]}, "robust.push = [-1.0, 0.0]: must be two numbers of at least 0"),
+        ({"push": [-1.0, 0.0]}, "an entry of robust.push = -1.0 m/s^2: must be from 0 to 1e+12"),
         ({"box": [math.inf, 1.0]}, "robust.box"),
     ],
 )
