@@ -8,6 +8,7 @@ import threading
 from collections import Counter
 from collections.abc import Collection, Hashable
 from dataclasses import dataclass
+from enum import IntFlag
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -83,6 +84,19 @@ def sendable(setpoint: WireSetpoint, pwm_max: float) -> WireSetpoint:
     if not all(math.isfinite(value) and abs(value) <= _FLOAT_MAX for value in setpoint):
         raise refusal("set-point", tuple(setpoint), "", "finite")
     return setpoint._replace(thrust=float(int(min(max(setpoint.thrust, 0.0), pwm_max))))
+
+
+class SupervisorInfo(IntFlag):
+    """The bits of the log variable supervisor.info: supervisor.c updateLogData. Bits above these are not used here."""
+
+    CAN_BE_ARMED = 1 << 0
+    ARMED = 1 << 1
+    AUTO_ARMING = 1 << 2
+    CAN_FLY = 1 << 3
+    FLYING = 1 << 4
+    TUMBLED = 1 << 5
+    LOCKED = 1 << 6
+    CRASHED = 1 << 7
 
 
 class PacketQueue(Generic[S, P]):

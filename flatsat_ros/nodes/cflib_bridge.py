@@ -23,7 +23,7 @@ from std_srvs.srv import Empty
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot
-from flatsat_ros.crazyflie.link import Address, PacketQueue, ShutdownSequence, sendable
+from flatsat_ros.crazyflie.link import Address, PacketQueue, ShutdownSequence, SupervisorInfo, sendable
 from flatsat_ros.crazyflie.outbox import Outbox, Packet, Stream
 from flatsat_ros.flight.supervisor import Policy
 from flatsat_ros.nodes import crazyswarm
@@ -42,8 +42,12 @@ from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 if TYPE_CHECKING:
     from flatsat_ros.nodes.cflib_link import Link
 
-# supervisor.c: bits of supervisor.info that end a flight
-_TUMBLED, _LOCKED, _CRASHED = 1 << 5, 1 << 6, 1 << 7
+# what of supervisor.info ends a flight, and how it is told; the first that holds is
+_ENDED = {
+    SupervisorInfo.LOCKED: "locked until reboot",
+    SupervisorInfo.CRASHED: "crashed",
+    SupervisorInfo.TUMBLED: "tumbled",
+}
 
 
 class ExternalPose(str, Enum):
@@ -277,7 +281,7 @@ class CflibBridge(ProgramNode):
             return Level.ERROR, "emergency stop"
         if not link.connected:
             return Level.ERROR, link.condition
-        for flag, text in ((_LOCKED, "locked until reboot"), (_CRASHED, "crashed"), (_TUMBLED, "tumbled")):
+        for flag, text in _ENDED.items():
             if flags & flag:
                 return Level.ERROR, text
         if link.values.get("pm.vbat", math.inf) < self._vehicles[link.robot].battery.low_voltage:

@@ -31,7 +31,7 @@ from flatsat_ros.flight.supervisor import Mode, Policy, Transition
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.controller import Controller
 from flatsat_ros.law.gain import Tuning
-from flatsat_ros.nodes.crazyswarm import SETTLED, DroneLink
+from flatsat_ros.nodes.crazyswarm import SETTLING_TIME, DroneLink
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, Report
 from flatsat_ros.nodes.ros.parameters import (
@@ -52,7 +52,7 @@ _LOOK_PERIOD = 1.0
 Answer = TypeVar("Answer", SetBool.Response, Trigger.Response)
 
 # how long the last commands may take to be acknowledged, s
-_FAREWELL = 0.5
+_ENDING_TIME = 0.5
 
 # parameter, what it means, unit, default and range of the tuning; Tuning's fields in order
 _TUNING = (
@@ -108,7 +108,7 @@ class ControllerNode(ProgramNode):
             for robot in self.robots:
                 declare_override(self, f"robots.{robot}.{name}", meaning, unit)
         # zero thrust from the next tick on, the tick after it, the notice that no more follows
-        self._unlock_time = policy.unlock_time + 2.0 * self._certificate.period + SETTLED
+        self._unlock_time = policy.unlock_time + 2.0 * self._certificate.period + SETTLING_TIME
         self._takeoff_height = declare(
             self, "takeoff_height", 0.5, "how high the takeoff service sends a drone", unit="m", bounds=(0.05, 100.0)
         )
@@ -149,7 +149,7 @@ class ControllerNode(ProgramNode):
         commanded = {index: command for index, command in last.items() if command is not None}
         for index, command in commanded.items():
             self._publish_command(index, command)
-        end = time.monotonic() + _FAREWELL
+        end = time.monotonic() + _ENDING_TIME
         for index in commanded:
             left = max(end - time.monotonic(), 0.0)
             self._command_publishers[index].wait_for_all_acked(Duration(seconds=left))

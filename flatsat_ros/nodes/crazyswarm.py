@@ -19,7 +19,7 @@ from flatsat_ros.nodes.ros.runtime import ProgramNode
 _PACKAGE = "crazyflie_interfaces"
 # The last set-point may still be under way when the drone is told that none follows; were it the last to arrive, the
 # drone would wait for the next one. The firmware keeps a set-point for 0.5 s.
-SETTLED = 0.15  # s
+SETTLING_TIME = 0.15  # s
 _HOLD_TIME = 1  # s, in which the high-level commander comes to rest
 
 
@@ -104,7 +104,7 @@ class DroneLink:
             self._pending -= 1
 
         self._pending += 1
-        timer = self._node.create_timer(SETTLED, tell)
+        timer = self._node.create_timer(SETTLING_TIME, tell)
 
     def _ask(self, client: Client, request: Any, then: Callable[[Future], object]) -> None:
         client.call_async(request).add_done_callback(self._node.faults.contained(client.service_name, then))

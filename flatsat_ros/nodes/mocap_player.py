@@ -21,7 +21,7 @@ _PATIENCE = 0.05
 # from the first subscription to the first pose, s
 _SETTLING = 0.5
 # how long the last poses may take to be acknowledged, s
-_FAREWELL = 0.5
+_ENDING_TIME = 0.5
 
 
 class MocapPlayer(ProgramNode):
@@ -66,7 +66,7 @@ class MocapPlayer(ProgramNode):
 
     def finish(self) -> None:
         """Let the last poses arrive."""
-        self._publisher.wait_for_all_acked(Duration(seconds=_FAREWELL))
+        self._publisher.wait_for_all_acked(Duration(seconds=_ENDING_TIME))
 
     def _on_timer(self) -> None:
         now = self.get_clock().now().nanoseconds

@@ -241,11 +241,13 @@ class SimDrone(ProgramNode):
     def _report(self, _now: int) -> list[Report]:
         """Return how every drone is."""
         paused = (self._epoch - self._started) / messages.NANOSECONDS
+        infos = {fleet: fleet.firmware.info() for fleet, _ in self._fleets}
         reports = []
         for robot, (fleet, number), refused in zip(self.robots, self._drones, self._refused, strict=True):
             level, text = _condition(fleet.firmware, number)
             values = {
                 "state": State(fleet.firmware.state[number]).name,
+                "supervisor.info": int(infos[fleet][number]),
                 "thrust locked": bool(fleet.firmware.thrust_locked[number]),
                 "tumbled": bool(fleet.firmware.tumbled[number]),
                 "battery V": f"{fleet.power.voltage[number]:.2f}",

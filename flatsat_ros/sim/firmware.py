@@ -17,6 +17,7 @@ import numpy as np
 
 from flatsat_ros.base.arrays import BoolArray, FloatArray, IntArray
 from flatsat_ros.base.errors import require
+from flatsat_ros.crazyflie.link import SupervisorInfo
 from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile
 from flatsat_ros.crazyflie.wire import YawMode
 from flatsat_ros.sim.high_level import HighLevelCommander, PositionController
@@ -370,21 +371,17 @@ class Firmware:
         return np.where(self._lost, np.nan, angles), thrust, self.powered & MOTORS_ALLOWED[self.state]
 
     def info(self) -> IntArray:
-        """Return the (N,) supervisor.info bit field: supervisor.c updateLogData.
-
-        Bits: 0 can be armed, 1 armed, 2 auto-arming, 3 can fly, 4 flying, 5 tumbled, 6 locked, 7 crashed.
-        """
-        flags = (
-            self.state == State.PREFLIGHT_PASSED,
-            self.armed,
-            np.full_like(self.armed, self._auto_arming),
-            CAN_FLY[self.state],
-            (self.state == State.FLYING) | (self.state == State.LEVEL_OUT),
-            self.tumbled,
-            self.state == State.LOCKED,
-            self.crashed,
+        """Return the (N,) supervisor.info, of `SupervisorInfo`: supervisor.c updateLogData."""
+        flags = {
+            SupervisorInfo.CAN_BE_ARMED: self.state == State.PREFLIGHT_PASSED,
+            SupervisorInfo.ARMED: self.armed,
+            SupervisorInfo.AUTO_ARMING: np.full_like(self.armed, self._auto_arming),
+            SupervisorInfo.CAN_FLY: CAN_FLY[self.state],
+            SupervisorInfo.FLYING: (self.state == State.FLYING) | (self.state == State.LEVEL_OUT),
+            SupervisorInfo.TUMBLED: self.tumbled,
+            SupervisorInfo.LOCKED: self.state == State.LOCKED,
+            SupervisorInfo.CRASHED: self.crashed,
+        }
+        return np.asarray(
+            np.sum([flag.astype(np.int64) * bit.value for bit, flag in flags.items()], axis=0, dtype=np.int64)
         )
-        bits = np.zeros(len(self.state), dtype=np.int64)
-        for bit, flag in enumerate(flags):
-            bits |= flag.astype(np.int64) << bit
-        return bits
