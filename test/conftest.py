@@ -1,4 +1,4 @@
-"""What every test process gets before anything imports rclpy: its own ROS domain and logs, reproducible examples."""
+"""What every test process gets before anything imports numpy or rclpy: one thread, its own ROS domain and logs."""
 
 from __future__ import annotations
 
@@ -40,6 +40,9 @@ _logs = tempfile.TemporaryDirectory(prefix="flatsat_ros-log-", ignore_cleanup_er
 os.environ["ROS_DOMAIN_ID"] = str(_domain)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_LOG_DIR"] = _logs.name
+
+# The workers share the cores: threads of linear algebra that wait for each other's core take ten times as long.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # The same examples in every run; `--hypothesis-profile explore` searches for new ones.
 settings.register_profile("ci", derandomize=True, deadline=None)
