@@ -70,7 +70,7 @@ class Certificate:
         period: h, s; the command is held constant in between.
         gain_min, gain_max: applied gains for which V does not increase at or between samples or, with a lag or a
             delay, the function of `loop` does not at samples.
-        provenance: how the certificate was computed: package version, inputs, solver, residuals. Nothing reads it but
+        provenance: how the certificate was computed: package version, method, inputs, solver. Nothing reads it but
             people.
         block_vertical: (2, 2) block of P for z; None for the same as `block`.
         lag: tau, s, of the achieved acceleration.

@@ -1,8 +1,8 @@
 """How large the gain may become in the loop that really runs.
 
 One function z'W z for all gains in [k-, k+] exists exactly if the loop satisfies the circle criterion for that sector:
-a frequency sweep says where to stop looking and a semidefinite program finds W just below. What counts is neither, but
-the inequality that `Timing.contraction` evaluates for the W at hand.
+a frequency sweep finds the limit, and just below it `common_function` finds W. What counts is neither, but the
+inequality that `Timing.contraction` evaluates for the W at hand.
 """
 
 from __future__ import annotations
@@ -11,26 +11,23 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import cvxpy as cp
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate import lyapunov
 from flatsat_ros.certificate.sampled_loop import Timing
-from flatsat_ros.synthesis.solver import SolverError, solve
+from flatsat_ros.synthesis.common_function import common_matrix
+from flatsat_ros.synthesis.rounding import round_down, round_matrix, round_up
 
-# W must fall by this share each period, at the ends of the gain interval, before it counts as a proof.
-MARGIN = 1e-9
+# The cap as a share of the circle criterion's limit: at the limit itself the sets are smaller and nothing is left over.
+_SHARE = 0.998
 
-# The search for the cap ends when it is known this well, relatively.
-_RESOLUTION = 2e-3
+# Where in the sector, from the lowest gain to the limit, the search for W begins.
+_START = 0.9998
 
-# Slack that the program is asked for, in units in which W and the command are of order 1.
-_SLACK = 1e-7
-
-# Least eigenvalue of W in the same units: without it W may be so flat that its inequalities drown in rounding.
-_LEAST = 1e-3
+# W must fall by this share each period, at the ends of the gain interval: a hundred times what rounding does.
+MARGIN = 1e-12
 
 _GAIN_LIMIT = 1e6  # beyond every cap that a usable period leaves
 
@@ -45,14 +42,12 @@ class GainCap:
         gain_min, gain_max: V or, with a lag or a delay, W does not grow for applied gains in between.
         matrix: W (n, n), scaled to |B'P x|^2 <= P22 z'W z; None without lag and delay, where P serves.
         limit: no quadratic function serves all gains up to here, whoever looks for it.
-        failures: how often the solver failed on the way; each may have cost a larger cap.
     """
 
     gain_min: float
     gain_max: float
     matrix: FloatArray | None
     limit: float
-    failures: int
 
 
 @dataclass(frozen=True)
@@ -83,40 +78,25 @@ def gain_cap(timing: Timing, block: FloatArray, lowest: float = 1.0, highest: fl
         highest: do not look for more; a lower cap leaves room for larger sets.
 
     Raises:
-        FlatsatError: not even the gain 1 can be proved; with the solver's failure as reason, if that was it.
+        FlatsatError: not even the gain 1 can be proved.
     """
     if timing.immediate:
         return _hold_cap(timing, block, highest)
     limit = circle_limit(timing, block, lowest)
-    failures = 0
-
-    def prove(gain: float) -> FloatArray | None:
-        nonlocal failures
-        try:
-            return common_matrix(timing, block, lowest, gain)
-        except SolverError:
-            failures += 1
-        except FlatsatError:
-            pass
-        return None
-
-    proven, matrix, top = 1.0, None, min(limit, highest)
-    gain = min(limit * (1.0 - _RESOLUTION), highest)
-    while True:
-        found = prove(gain)
-        if found is None:
-            top = gain
-        else:
-            proven, matrix = gain, found
-        if top - proven <= _RESOLUTION * top:
-            break
-        gain = (proven + top) / 2.0
-    if matrix is None:
+    cap = round_down(min(_SHARE * limit, highest))
+    if cap < 1.0:
         raise FlatsatError(
-            f"no function z'W z was found even for the gains [{lowest:g}, {top:.4g}]"
-            + (" because the solver failed; this does not mean that there is none" if failures else "")
+            f"with gains from {lowest:g} on the cap would be {cap:.4g}: must be at least 1; ask for fewer gains below "
+            "1, or choose a smaller rate, or a shorter period, lag or delay"
         )
-    return GainCap(lowest, proven, matrix, limit, failures)
+    matrix = round_matrix(common_matrix(timing, block, lowest, cap, lowest + _START * (limit - lowest)))
+    row = timing.feedback(block)[0]
+    matrix *= round_up(float(row @ np.linalg.solve(matrix, row)) / float(block[1, 1]))
+    for gain in (lowest, cap):
+        left = 1.0 - timing.contraction(matrix, block, gain)
+        if not left >= MARGIN:
+            raise FlatsatError(f"W falls by {left:.3g} per period at gain {gain:.6g}: must be at least {MARGIN:.0e}")
+    return GainCap(lowest, cap, matrix, round_up(limit))
 
 
 def _hold_cap(timing: Timing, block: FloatArray, highest: float) -> GainCap:
@@ -131,7 +111,7 @@ def _hold_cap(timing: Timing, block: FloatArray, highest: float) -> GainCap:
             "smaller rate"
         )
     limit = _boundary(holds, 1.0, _GAIN_LIMIT)
-    return GainCap(_boundary(holds, 1.0, 0.0), min(limit, highest), None, limit, 0)
+    return GainCap(round_up(_boundary(holds, 1.0, 0.0)), round_down(min(limit, highest)), None, round_up(limit))
 
 
 def _boundary(holds: Callable[[float], bool], inside: float, outside: float) -> float:
@@ -140,40 +120,6 @@ def _boundary(holds: Callable[[float], bool], inside: float, outside: float) -> 
         middle = math.sqrt(inside * outside) if min(inside, outside) > 0.0 else (inside + outside) / 2.0
         inside, outside = (middle, outside) if holds(middle) else (inside, middle)
     return inside
-
-
-def common_matrix(timing: Timing, block: FloatArray, low: float, high: float) -> FloatArray:
-    """Return a W (n, n) that falls every period for all gains in [low, high], with as many starts as possible.
-
-    The starts are those of a drone that hovers: W's block of (p, v), measured against P, is minimised under
-    |B'P x|^2 <= P22 z'W z.
-
-    Raises:
-        SolverError: the solver failed, or its answer does not stand the check.
-        InfeasibleError: there is none.
-    """
-    units = np.diag([math.sqrt(block[0, 0]), math.sqrt(block[1, 1])] + [block[1, 1] ** -0.5] * (timing.size - 2))
-    inverse_units = np.linalg.inv(units)
-    pace = min(1.0, float(block[1, 1]) * timing.period)  # how much of W a period may take away
-    slope, feedback = float(block[1, 1]), timing.feedback(block) @ inverse_units
-    scaled = cp.Variable((timing.size, timing.size), symmetric=True)
-    conditions = [
-        cp.bmat([[scaled, feedback.T / math.sqrt(slope)], [feedback / math.sqrt(slope), np.eye(1)]]) >> 0,
-        scaled >> _LEAST * np.eye(timing.size),
-    ]
-    for gain in (low, high):
-        step = units @ timing.closed_loop(block, gain) @ inverse_units
-        conditions.append((scaled - step.T @ scaled @ step) / pace >> _SLACK * np.eye(timing.size))
-    metric = np.linalg.inv(inverse_units[:2, :2] @ block @ inverse_units[:2, :2])
-    solve("loop", cp.Problem(cp.Minimize(cp.trace(metric @ scaled[:2, :2])), conditions))
-    matrix = units @ scaled.value @ units
-    matrix = (matrix + matrix.T) / 2.0
-    row = timing.feedback(block)[0]
-    if np.linalg.eigvalsh(matrix)[0] > 0.0:
-        matrix *= float(row @ np.linalg.solve(matrix, row)) / slope * (1.0 + 1e-12)
-        if max(timing.contraction(matrix, block, gain) for gain in (low, high)) <= 1.0 - MARGIN:
-            return np.asarray(matrix, dtype=np.float64)
-    raise SolverError(f"the solver's W does not fall for all gains in [{low:g}, {high:g}]")
 
 
 def circle_limit(timing: Timing, block: FloatArray, lowest: float = 1.0) -> float:
@@ -207,13 +153,7 @@ def circle_limit(timing: Timing, block: FloatArray, lowest: float = 1.0) -> floa
     for _ in range(4):
         value, worst = most_negative(angles)
         angles = np.linspace(angles[max(worst - 1, 0)], angles[min(worst + 1, len(angles) - 1)], 101)
-    limit = lowest + 1.0 / value if value > 0.0 else math.inf
-    if limit <= 1.0:
-        raise FlatsatError(
-            f"with gains from {lowest:g} on the cap would be {limit:.4g}: must be above 1; ask for fewer gains below "
-            "1, or choose a smaller rate, or a shorter period, lag or delay"
-        )
-    return limit
+    return lowest + 1.0 / value  # above 0: a command moves nothing at once, so that H has the mean 0 on the circle
 
 
 def worst_case(timing: Timing, block: FloatArray, cap: float) -> WorstCase:

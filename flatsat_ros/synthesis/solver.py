@@ -10,33 +10,24 @@ import cvxpy as cp
 from flatsat_ros.base.errors import FlatsatError
 
 
-class SolverError(FlatsatError):
-    """The solver gave no answer; that says nothing about the program."""
-
-
-class InfeasibleError(FlatsatError):
-    """The solver proved that the program has no solution."""
-
-
 def solve(name: str, problem: cp.Problem) -> None:
     """Solve to optimality; anything less is an error and, infeasibility apart, not a statement about the program.
 
     Raises:
-        SolverError: the solver broke down or stopped short of an optimum.
-        InfeasibleError: the program has no solution.
+        FlatsatError: the solver broke down or stopped short of an optimum, or the program has no solution.
     """
     try:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Solution may be inaccurate")  # the status below says so
             problem.solve(solver=cp.CLARABEL)
     except cp.error.SolverError as error:
-        raise SolverError(
+        raise FlatsatError(
             f"the solver failed on the {name} program (which does not make it infeasible): {error}"
         ) from error
     if problem.status == cp.INFEASIBLE:
-        raise InfeasibleError(f"the {name} program is infeasible")
+        raise FlatsatError(f"the {name} program is infeasible")
     if problem.status != cp.OPTIMAL:
-        raise SolverError(f"the solver reports {problem.status!r} for the {name} program: must be 'optimal'")
+        raise FlatsatError(f"the solver reports {problem.status!r} for the {name} program: must be 'optimal'")
 
 
 def solver_name() -> str:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 import importlib.util
 import math
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -18,10 +19,12 @@ from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.sampled_loop import Timing
+from flatsat_ros.cli.synthesize import main
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis.gain_cap import worst_case
 from flatsat_ros.synthesis.nominal import synthesize
 from flatsat_ros.synthesis.robust_design import synthesize_paper_robust, synthesize_robust
+from flatsat_ros.synthesis.rounding import DIGITS
 
 _SPEC = importlib.util.spec_from_file_location("exact", Path(__file__).parent / "exact.py")
 assert _SPEC is not None
@@ -32,10 +35,74 @@ _SPEC.loader.exec_module(exact)
 ROOT = Path(__file__).parents[2]
 LIMITS = InputSet(1.45 * GRAVITY, math.radians(10.0))
 SHIPPED = sorted(path.stem for path in (ROOT / "config").glob("*.yaml"))
+
+# Within this a certificate comes out again, relatively; an entry of W relative to the root of the diagonal's product.
+AGREEMENT = 1e-7
+# The share p of a robust certificate is free to choose, and has four digits.
+SHARE_AGREEMENT = 1e-3
 LAGGING = synthesize(LIMITS, 1.25, 0.1, "lagging", lag=0.1, delay=0.05)
 FAST = synthesize(LIMITS, 1.25, 0.02, "fast", lag=0.14, delay=0.03, lowest=0.8)
 ROBUST = synthesize_paper_robust()
 PUSHED = synthesize_robust(LIMITS, (0.1, 0.2), (0.2, 0.3), 0.02, "pushed")
+
+
+@pytest.fixture(scope="module")
+def regenerated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder that `make certificates` would fill."""
+    folder = tmp_path_factory.mktemp("config")
+    (options,) = re.findall(r"^CF21 := (.*)$", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    assert main(["--paper", "all", "--output-dir", str(folder)]) == 0
+    assert main([*options.split(), "--output", str(folder / "cf21_50hz.yaml")]) == 0
+    return folder
+
+
+def leaves(document: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Every number, string and matrix of a document with its place."""
+    if isinstance(document, dict):
+        for key, value in document.items():
+            yield from leaves(value, f"{path}.{key}")
+    else:
+        yield path, document
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_what_is_shipped_comes_out_again(name: str, regenerated: Path) -> None:
+    assert sorted(path.stem for path in regenerated.glob("*.yaml")) == SHIPPED
+    shipped = dict(leaves(Certificate.load(ROOT / "config" / f"{name}.yaml").to_document()))
+    again = dict(leaves(Certificate.load(regenerated / f"{name}.yaml").to_document()))
+    assert shipped.keys() == again.keys()
+    for place, value in again.items():
+        if place in (".provenance.solver", ".provenance.package"):
+            continue  # other versions may have computed it
+        if np.ndim(value) == 2:
+            scale = np.sqrt(np.outer(np.diag(value), np.diag(value)))
+            assert (np.abs(np.subtract(shipped[place], value)) <= AGREEMENT * scale).all(), place
+        elif np.size(value) and isinstance(np.ravel(value)[0], float):
+            agreement = SHARE_AGREEMENT if place == ".robust.share" else AGREEMENT
+            np.testing.assert_allclose(shipped[place], value, rtol=agreement, err_msg=place)
+        else:
+            assert shipped[place] == value, place
+
+
+def test_the_agreement_is_the_documented_one() -> None:
+    text = (ROOT / "docs" / "mathematics.md").read_text(encoding="utf-8")
+    assert f"agree to {AGREEMENT:.0e}".replace("e-0", "e-") in text
+    assert f"p to {SHARE_AGREEMENT:.0e}".replace("e-0", "e-") in text
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_figures_have_the_digits_that_every_processor_agrees_on(name: str) -> None:
+    """A figure is a decimal number on the safe side; what is written keeps at least nine digits of it."""
+    certificate = Certificate.load(ROOT / "config" / f"{name}.yaml")
+    exact_ball = certificate.limits.inner_radius**2
+    assert exact_ball * (1.0 - 1e-9) <= certificate.ball <= exact_ball
+    exact_level = certificate.ball / max(float(block[1, 1]) for block in certificate.blocks)
+    assert exact_level * (1.0 - 1e-9) <= certificate.level <= exact_level
+    figures = [certificate.ball, certificate.level, certificate.gain_min, certificate.gain_max]
+    if certificate.robust is not None:
+        figures += [certificate.robust.rate, certificate.robust.floor, *certificate.robust.box]
+    for figure in figures:
+        assert figure == float(f"{figure:.{DIGITS - 1}e}")
 
 
 @pytest.mark.parametrize("name", SHIPPED)

@@ -5,13 +5,15 @@ from __future__ import annotations
 import cvxpy as cp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
 from flatsat_ros.certificate.sampled_loop import Timing
+from flatsat_ros.synthesis import common_function
 from flatsat_ros.synthesis import gain_cap as loop
+from flatsat_ros.synthesis.common_function import common_matrix
 from flatsat_ros.synthesis.gain_cap import circle_limit, gain_cap, worst_case
 
 BLOCK = closed_form_block(1.25)
@@ -25,6 +27,16 @@ KNOWN = [
     (0.05, 0.08, 0.03, 7.62),
     (0.02, 0.08, 0.03, 8.68),
     (0.01, 0.08, 0.03, 9.14),
+]
+
+# where the period is short beside the delay, or the delay comes without a lag: the circle criterion's limits
+DELAYED = [
+    (0.01, 0.0, 0.05, 16.26),
+    (0.005, 0.0, 0.05, 17.01),
+    (0.005, 0.08, 0.03, 9.38),
+    (0.01, 0.0, 0.1, 8.72),
+    (0.1, 0.0, 0.1, 6.13),
+    (0.02, 0.14046511627906977, 0.03, 6.27),
 ]
 
 timings = st.builds(
@@ -46,9 +58,57 @@ def test_the_known_caps_come_out(period: float, lag: float, delay: float, known:
     timing = Timing(period, lag, delay)
     cap = gain_cap(timing, BLOCK)
     assert cap.gain_max == pytest.approx(known, rel=5e-3)
-    assert cap.gain_max < cap.limit <= cap.gain_max * 1.003
+    assert cap.gain_max < cap.limit
     assert cap.matrix is not None
     assert max(timing.contraction(cap.matrix, BLOCK, k) for k in (1.0, cap.gain_max)) < 1.0
+
+
+@pytest.mark.parametrize(("period", "lag", "delay", "limit"), [*KNOWN, *DELAYED])
+def test_the_cap_reaches_the_limit_of_the_circle_criterion(
+    period: float, lag: float, delay: float, limit: float
+) -> None:
+    timing = Timing(period, lag, delay)
+    cap = gain_cap(timing, BLOCK)
+    assert cap.gain_max >= 0.995 * circle_limit(timing, BLOCK)
+    assert cap.matrix is not None
+    assert max(timing.contraction(cap.matrix, BLOCK, k) for k in (1.0, cap.gain_max)) < 1.0
+    assert cap.limit == pytest.approx(limit, rel=5e-3)
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    rate=st.floats(-1.0, 0.5).map(lambda exponent: 10.0**exponent),
+    lowest=st.one_of(st.just(1.0), st.floats(0.6, 1.0)),
+    period=st.floats(-2.3, -1.0).map(lambda exponent: 10.0**exponent),
+    lag=st.one_of(st.just(0.0), st.floats(0.02, 0.2)),
+    delay=st.floats(0.5, 8.0),
+)
+def test_the_cap_reaches_the_limit_for_any_rate_and_timing(
+    rate: float, lowest: float, period: float, lag: float, delay: float
+) -> None:
+    timing, block = Timing(period, lag, delay * period), closed_form_block(rate)
+    try:
+        limit = circle_limit(timing, block, lowest)
+    except FlatsatError:
+        return  # unstable at the lowest gain or at 1 already
+    assume(limit > 1.01)
+    assert gain_cap(timing, block, lowest).gain_max >= 0.995 * limit
+
+
+@pytest.mark.parametrize("timing", [Timing(0.1, 0.05), Timing(0.02, 0.14, 0.03), Timing(0.01, 0.0, 0.05)], ids=str)
+def test_no_solver_finds_a_w_with_more_starts(timing: Timing) -> None:
+    """The semidefinite program once more, by a solver, in coordinates in which the W at hand is the identity."""
+    cap = gain_cap(timing, BLOCK)
+    root = np.linalg.cholesky(cap.matrix).T
+    scaled = cp.Variable((timing.size, timing.size), symmetric=True)
+    row = timing.feedback(BLOCK) @ np.linalg.inv(root) / BLOCK[1, 1] ** 0.5
+    conditions = [scaled >> row.T @ row]
+    for gain in (1.0, cap.gain_max):
+        step = root @ timing.closed_loop(BLOCK, gain) @ np.linalg.inv(root)
+        conditions.append((scaled - step.T @ scaled @ step) / timing.period >> 0)
+    weight = root[:, :2] @ np.linalg.inv(BLOCK) @ root[:, :2].T
+    problem = cp.Problem(cp.Minimize(cp.trace(weight @ scaled)), conditions)
+    assert problem.solve(solver=cp.CLARABEL) >= (1.0 - 1e-3) * np.trace(weight)
 
 
 @pytest.mark.parametrize("period", [0.1, 0.05, 0.02, 0.01])
@@ -109,11 +169,12 @@ def test_gains_below_one_cost_some_of_the_cap() -> None:
     assert caps[0] > caps[1] > caps[2] > 7.0
 
 
-def test_beyond_the_circle_criterion_the_program_is_infeasible() -> None:
+def test_beyond_the_circle_criterion_there_is_no_w() -> None:
     timing = Timing(0.1, 0.1, 0.05)
     limit = circle_limit(timing, BLOCK)
-    with pytest.raises(FlatsatError):
-        loop.common_matrix(timing, BLOCK, 1.0, limit * 1.01)
+    for sector in (0.9998 * limit, 1.01 * limit):
+        with pytest.raises(FlatsatError, match="broke down"):
+            common_matrix(timing, BLOCK, 1.0, 1.005 * limit, sector)
 
 
 @pytest.mark.parametrize(
@@ -129,37 +190,16 @@ def test_a_loop_without_room_is_refused(timing: Timing, lowest: float, text: str
         gain_cap(timing, BLOCK, lowest)
 
 
-def test_a_failing_solver_is_reported_and_not_taken_for_infeasibility(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(self: cp.Problem, **options: object) -> None:
-        raise cp.error.SolverError("out of luck")
+def test_a_search_that_breaks_down_decides_no_figure(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*matrices: np.ndarray, **options: np.ndarray) -> None:
+        raise np.linalg.LinAlgError("out of luck")
 
-    monkeypatch.setattr(cp.Problem, "solve", fail)
-    with pytest.raises(FlatsatError, match="because the solver failed; this does not mean that there is none"):
+    monkeypatch.setattr(common_function, "solve_discrete_are", fail)
+    with pytest.raises(FlatsatError, match=r"broke down .*\(out of luck\); this does not mean that there is none"):
         gain_cap(Timing(0.1, 0.1), BLOCK)
 
 
-def test_after_a_failure_the_last_proven_value_stands(monkeypatch: pytest.MonkeyPatch) -> None:
-    original, calls = cp.Problem.solve, iter(range(1000))
-
-    def fail_first(self: cp.Problem, **options: object) -> object:
-        if next(calls) == 0:
-            raise cp.error.SolverError("out of luck")
-        return original(self, **options)
-
-    monkeypatch.setattr(cp.Problem, "solve", fail_first)
-    timing = Timing(0.1, 0.1)
-    cap = gain_cap(timing, BLOCK)
-    assert cap.failures == 1
-    assert cap.matrix is not None
-    assert 7.0 < cap.gain_max < cap.limit
-    assert timing.contraction(cap.matrix, BLOCK, cap.gain_max) < 1.0
-
-
-def test_a_wrong_answer_of_the_solver_is_no_proof(monkeypatch: pytest.MonkeyPatch) -> None:
-    def wrong(name: str, problem: cp.Problem) -> None:
-        for variable in problem.variables():
-            variable.value = np.eye(*variable.shape)
-
-    monkeypatch.setattr(loop, "solve", wrong)
-    with pytest.raises(FlatsatError, match="no function z'W z was found"):
+def test_a_wrong_w_is_no_proof(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(loop, "common_matrix", lambda timing, *arguments: np.eye(timing.size))
+    with pytest.raises(FlatsatError, match=r"W falls by -[0-9.]+ per period at gain 1: must be at least 1e-12"):
         gain_cap(Timing(0.1, 0.1), BLOCK)
