@@ -15,9 +15,13 @@ WITHOUT_ROS := $(addprefix test/,base law certificate flight crazyflie synthesis
 NOBLE_REQUIREMENTS := requirements/noble.txt
 NOBLE_SETUP := $(NOBLE)/.done
 
+# the oldest and the newest Python, for test-kernels, as far as they are found
+python_found = $(firstword $(wildcard $(HOME)/.pyenv/versions/$(1)*/bin/python) $(shell command -v python$(1)))
+EXTREMES := $(foreach version,3.10 3.13,$(if $(call python_found,$(version)),.venv-$(version)))
+
 unexport PYTHONPATH AMENT_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help setup build demo test test-noble bench reproduce falsify faults lint docs certificates clean
+.PHONY: help setup build demo test test-noble test-kernels bench reproduce falsify faults lint docs certificates clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 16
@@ -49,6 +53,14 @@ $(NOBLE_SETUP): $(NOBLE_REQUIREMENTS)
 	$(if $(PYTHON_NOBLE),,$(error test-noble needs Python 3.12: make test-noble PYTHON_NOBLE=/path/to/python3.12))
 	$(PYTHON_NOBLE) -m venv $(NOBLE)
 	$(NOBLE)/bin/python -m pip install --disable-pip-version-check --requirement $(NOBLE_REQUIREMENTS)
+	touch $@
+
+test-kernels: setup $(EXTREMES:%=%/.done)  ## law, certificates, synthesis as on other processors, and on Python 3.10 and 3.13
+	$(BIN)/python test/kernels.py --certificate="$(CF21)" --pytest="--numprocesses auto $(ARGS)" $(BIN)/python $(EXTREMES:%=%/bin/python)
+
+.venv-3.%/.done: $(REQUIREMENTS)
+	$(call python_found,3.$*) -m venv $(@D)
+	$(@D)/bin/python -m pip install --disable-pip-version-check --requirement $(REQUIREMENTS)
 	touch $@
 
 bench: build  ## the benchmark against solvers and a bare rclpy node

@@ -1,0 +1,109 @@
+"""`make test-kernels`: law, certificates and synthesis as other processors and other versions of Python compute them.
+
+OpenBLAS chooses its kernel by the processor; OPENBLAS_CORETYPE makes it choose another, as far as this processor can
+execute it. Under each, the tests are run and the certificates in config/ computed again: every kernel must write the
+same files, but for the line that names the solver.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+TESTS = ("test/law", "test/certificate", "test/synthesis")
+
+# What OpenBLAS is asked for, from the oldest to the newest; several may stand for one kernel.
+CORE_TYPES = (
+    "Prescott", "Nehalem", "Sandybridge", "Haswell", "Zen", "SkylakeX", "Cooperlake", "Sapphirerapids",
+    "ARMV8", "NeoverseN1", "NeoverseV1", "VORTEX",
+)  # fmt: skip
+
+_TRIAL = "import numpy as np; a = np.eye(99) + np.ones((99, 99)) @ np.ones((99, 99)); np.linalg.cholesky(a)"
+
+
+def kernels(python: str) -> dict[str, dict[str, str]]:
+    """Return the environment of each kernel that OpenBLAS reports and this processor executes, by the kernel's name."""
+    found: dict[str, dict[str, str]] = {}
+    for core_type in CORE_TYPES:
+        environment = {"OPENBLAS_CORETYPE": core_type}
+        trial = run([python, "-c", _TRIAL], {**environment, "OPENBLAS_VERBOSE": "2"})
+        reported = re.search(r"^Core: (\w+)$", trial.stdout, re.MULTILINE)
+        if trial.returncode == 0 and reported and "Core not found" not in trial.stdout:
+            found.setdefault(reported[1], environment)
+    return found
+
+
+def run(command: Sequence[str], environment: Mapping[str, str]) -> subprocess.CompletedProcess[str]:
+    """Run a command in the source tree, with its messages among its output."""
+    return subprocess.run(
+        command,
+        cwd=ROOT,
+        env={**os.environ, **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+    )
+
+
+def certificates(python: str, environment: Mapping[str, str], own: Sequence[str]) -> dict[str, str]:
+    """Return the certificates that `make certificates` would write, by file name, without the line of the solver.
+
+    Args:
+        python: the interpreter.
+        environment: what to add to the environment.
+        own: the inputs of the certificate for the Crazyflie 2.1.
+    """
+    with tempfile.TemporaryDirectory(prefix="flatsat_ros-kernels-") as folder:
+        program = [python, "-m", "flatsat_ros.cli.synthesize"]
+        for arguments in (["--paper", "all", "--output-dir", folder], [*own, "--output", f"{folder}/cf21_50hz.yaml"]):
+            done = run([*program, *arguments], environment)
+            if done.returncode != 0:
+                return {"synthesize": done.stdout}
+        return without_solver(Path(folder))
+
+
+def without_solver(folder: Path) -> dict[str, str]:
+    """Return the texts of a folder's certificates, by file name, without the line that names the solver."""
+    return {
+        path.name: re.sub(r"^  solver: .*\n", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
+        for path in sorted(folder.glob("*.yaml"))
+    }
+
+
+def main() -> int:
+    """Run everything; return 1 if anything failed, else 0."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--certificate", default="", metavar="OPTIONS", help="inputs of cf21_50hz")
+    parser.add_argument("--pytest", default="", metavar="OPTIONS", help="for pytest")
+    parser.add_argument("python", nargs="+", help="the interpreter for all kernels, then others for their default one")
+    arguments = parser.parse_args()
+    first, *others = arguments.python
+    runs = [(first, name, environment) for name, environment in kernels(first).items()]
+    runs += [(python, "its own kernel", {}) for python in others]
+    shipped, failed = without_solver(ROOT / "config"), False
+    for python, name, environment in runs:
+        version = run([python, "-c", "import sys; print(sys.version.split()[0])"], {}).stdout.strip()
+        tests = run([python, "-m", "pytest", "--quiet", *arguments.pytest.split(), *TESTS], environment)
+        written = certificates(python, environment, arguments.certificate.split())
+        different = [file for file in sorted(shipped | written) if shipped.get(file) != written.get(file)]
+        summary = tests.stdout.strip().rpartition("\n")[2]
+        print(f"Python {version}, {name}: {summary}; ", end="")
+        print(f"other than in config: {', '.join(different)}" if different else "certificates as in config", flush=True)
+        if tests.returncode != 0:
+            print(tests.stdout)
+        for file in different:
+            print(f"--- {file}\n{written.get(file, 'missing')}")
+        failed |= tests.returncode != 0 or bool(different)
+    return int(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
