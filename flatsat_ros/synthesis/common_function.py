@@ -37,6 +37,10 @@ _NEAR, _REACHED = 0.3, 1e-6
 _MOST_STEPS = 1000  # many times what forty commands in flight take
 
 
+class BreakdownError(FlatsatError):
+    """The arithmetic came to no answer; that says nothing about whether there is one."""
+
+
 def common_matrix(timing: Timing, block: FloatArray, low: float, high: float, sector: float) -> FloatArray:
     """Return a W (n, n) that falls every period for all gains in [low, high], with |B'P x|^2 < P22 z'W z.
 
@@ -48,12 +52,12 @@ def common_matrix(timing: Timing, block: FloatArray, low: float, high: float, se
         sector: a gain up to which the circle criterion still holds.
 
     Raises:
-        FlatsatError: the Riccati equations or the path have no numerical solution.
+        BreakdownError: the Riccati equations or the path have no numerical solution.
     """
     try:
         return _follow_path(timing, block, (low, high), _between_riccati(timing, block, low, sector))
     except np.linalg.LinAlgError as error:
-        raise FlatsatError(
+        raise BreakdownError(
             f"the search for a function z'W z broke down for the gains [{low:g}, {high:.6g}] ({error}); this does not "
             "mean that there is none: choose a longer period or a shorter delay"
         ) from error

@@ -17,7 +17,7 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate import lyapunov
 from flatsat_ros.certificate.sampled_loop import Timing
-from flatsat_ros.synthesis.common_function import common_matrix
+from flatsat_ros.synthesis.common_function import BreakdownError, common_matrix
 from flatsat_ros.synthesis.rounding import round_down, round_matrix, round_up
 
 # The cap as a share of the circle criterion's limit: at the limit itself the sets are smaller and nothing is left over.
@@ -79,6 +79,7 @@ def gain_cap(timing: Timing, block: FloatArray, lowest: float = 1.0, highest: fl
 
     Raises:
         FlatsatError: not even the gain 1 can be proved.
+        BreakdownError: the arithmetic came to no answer, or its answer does not stand the check.
     """
     if timing.immediate:
         return _hold_cap(timing, block, highest)
@@ -93,9 +94,15 @@ def gain_cap(timing: Timing, block: FloatArray, lowest: float = 1.0, highest: fl
     row = timing.feedback(block)[0]
     matrix *= round_up(float(row @ np.linalg.solve(matrix, row)) / float(block[1, 1]))
     for gain in (lowest, cap):
-        left = 1.0 - timing.contraction(matrix, block, gain)
+        try:
+            left = 1.0 - timing.contraction(matrix, block, gain)
+        except np.linalg.LinAlgError:  # not positive definite
+            left = -math.inf
         if not left >= MARGIN:
-            raise FlatsatError(f"W falls by {left:.3g} per period at gain {gain:.6g}: must be at least {MARGIN:.0e}")
+            raise BreakdownError(
+                f"the W found for the gains from {lowest:g} to {cap:.6g} falls by {left:.3g} per period at gain "
+                f"{gain:.6g}: must be at least {MARGIN:.0e}, which does not mean that there is none"
+            )
     return GainCap(lowest, cap, matrix, round_up(limit))
 
 

@@ -21,6 +21,7 @@ from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interv
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.certificate.sets import Sets
 from flatsat_ros.law.input_set import InputSet
+from flatsat_ros.synthesis.common_function import BreakdownError
 from flatsat_ros.synthesis.gain_cap import gain_cap
 from flatsat_ros.synthesis.robust_design import closed_form_blocks, largest_box, rate_interval, robust_sets
 
@@ -63,7 +64,7 @@ def rate_covering(
         highest: see `synthesis.gain_cap.gain_cap`.
 
     Raises:
-        FlatsatError: no rate covers them.
+        FlatsatError: no rate covers them; BreakdownError if the arithmetic came to no answer for a rate that it tried.
     """
 
     def sets(rate: float) -> Sets:
@@ -105,6 +106,8 @@ def _largest_covering(sets: Callable[[float], Sets], starts: FloatArray, interva
     def covers(rate: float) -> bool:
         try:
             found = sets(rate)
+        except BreakdownError:
+            raise  # not an answer: it may not decide which rate is the largest
         except FlatsatError:
             return False  # this rate has no certificate; a smaller one may
         return bool(found.classify(starts).guaranteed.all() and (found.scale_larger(starts) <= 1.0).all())
@@ -112,7 +115,7 @@ def _largest_covering(sets: Callable[[float], Sets], starts: FloatArray, interva
     slow, fast = interval
     if covers(fast):
         return fast
-    # from above: with a lag the smallest rates are the hardest for the solver
+    # from above: a rate that is too large has small sets or no certificate at all
     rate = fast
     with tqdm(desc="rates tried", unit="", delay=2.0, leave=False) as progress:
         while not covers(rate):

@@ -13,7 +13,7 @@ from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interv
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.synthesis import common_function
 from flatsat_ros.synthesis import gain_cap as loop
-from flatsat_ros.synthesis.common_function import common_matrix
+from flatsat_ros.synthesis.common_function import BreakdownError, common_matrix
 from flatsat_ros.synthesis.gain_cap import circle_limit, gain_cap, worst_case
 
 BLOCK = closed_form_block(1.25)
@@ -195,11 +195,16 @@ def test_a_search_that_breaks_down_decides_no_figure(monkeypatch: pytest.MonkeyP
         raise np.linalg.LinAlgError("out of luck")
 
     monkeypatch.setattr(common_function, "solve_discrete_are", fail)
-    with pytest.raises(FlatsatError, match=r"broke down .*\(out of luck\); this does not mean that there is none"):
+    with pytest.raises(BreakdownError, match=r"broke down .*\(out of luck\); this does not mean that there is none"):
         gain_cap(Timing(0.1, 0.1), BLOCK)
 
 
-def test_a_wrong_w_is_no_proof(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("sign", "text"),
+    [(1.0, r"falls by -[0-9.]+ per period at gain 1: must be at least 1e-12"), (-1.0, "falls by -inf")],
+)
+def test_a_wrong_w_is_no_proof(sign: float, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(loop, "common_matrix", lambda timing, *arguments: np.eye(timing.size))
-    with pytest.raises(FlatsatError, match=r"W falls by -[0-9.]+ per period at gain 1: must be at least 1e-12"):
+    monkeypatch.setattr(loop, "round_matrix", lambda matrix: matrix * np.diag([1.0, 1.0, sign]))
+    with pytest.raises(BreakdownError, match=text):
         gain_cap(Timing(0.1, 0.1), BLOCK)

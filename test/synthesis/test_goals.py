@@ -14,6 +14,8 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.law.input_set import InputSet
+from flatsat_ros.synthesis import goals
+from flatsat_ros.synthesis.common_function import BreakdownError
 from flatsat_ros.synthesis.goals import corners, rate_covering, robust_rate_covering
 from flatsat_ros.synthesis.nominal import synthesize
 from flatsat_ros.synthesis.robust_design import synthesize_robust
@@ -66,6 +68,15 @@ def test_with_lag_and_delay_the_first_test_of_the_paper_is_covered_from_hover(ti
     certificate = synthesize(LIMITS, rate, timing.period, "cover", lag=timing.lag, delay=timing.delay)
     assert certificate.sets.classify(corners(errors)).guaranteed.all()
     assert 1.05 < rate < 1.16
+
+
+def test_a_breakdown_does_not_decide_the_rate(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(timing: Timing, block: np.ndarray, *arguments: float) -> None:
+        raise BreakdownError("out of luck") if block[1, 1] < 1.5 else FlatsatError("unstable")
+
+    monkeypatch.setattr(goals, "gain_cap", fail)
+    with pytest.raises(BreakdownError, match="out of luck"):
+        rate_covering(LIMITS, [1.2, 1.2, 0.8], Timing(0.1, 0.1, 0.05))
 
 
 def test_under_disturbance_the_start_is_guaranteed_and_a_faster_rate_would_not_do() -> None:
