@@ -101,17 +101,18 @@ def _collect(flown: Generator[Row], count: int, folder: Path) -> int:
     from flatsat_ros.falsification.faults.rows import load, merged, save
 
     rows: list[Row] = []
-    began = time.monotonic()
-    with closing(flown), tqdm(total=count, desc="faults", bar_format=_BAR, mininterval=0.5) as bar:
-        for row in flown:
-            rows.append(row)
-            failed = sum(row.failed for row in rows)
-            bar.set_postfix_str(f"{failed} failed, {row.fault}:{row.phase}", refresh=False)
-            bar.update()
-    table = folder / _TABLE
-    kept = merged(load(table) if table.exists() else [], rows)
-    save(kept, table)
-    write_text(folder / _PAGE, page(kept))
+    table, began = folder / _TABLE, time.monotonic()
+    try:
+        with closing(flown), tqdm(total=count, desc="faults", bar_format=_BAR, mininterval=0.5) as bar:
+            for row in flown:
+                rows.append(row)
+                failed = sum(row.failed for row in rows)
+                bar.set_postfix_str(f"{failed} failed, {row.fault}:{row.phase}", refresh=False)
+                bar.update()
+    finally:  # also when it is stopped
+        kept = merged(load(table) if table.exists() else [], rows)
+        save(kept, table)
+        write_text(folder / _PAGE, page(kept))
     for row in rows:
         if row.failed:
             print(f"FAILED {row.fault}:{row.phase}: {'; '.join(row.broken)}")

@@ -49,7 +49,12 @@ class FaultLab(Conductor):
     def missing(self) -> list[str]:
         """Return what is not there yet, see `Conductor`."""
         clients = [*self._askable.values(), *self._settable.values()]
-        return super().missing() + [client.srv_name for client in clients if not client.service_is_ready()]
+        silent = [name for name in map(_truth, self._robots) if name not in self._newest]
+        return super().missing() + silent + [client.srv_name for client in clients if not client.service_is_ready()]
+
+    def heights(self) -> FloatArray:
+        """Return the newest true height of each drone, (N,), m."""
+        return np.array([messages.pose_from_cdr(self._newest[_truth(robot)])[1][2] for robot in self._robots])
 
     def ask_landing(self, index: int) -> Future:
         """Ask the controller to land one robot."""
@@ -102,3 +107,8 @@ class FaultLab(Conductor):
     def modes(self) -> list[Mode]:
         """Return the newest flight mode of each robot."""
         return [Mode(int(self.ticks(robot)[-1, 1 + MODE])) for robot in self._robots]
+
+
+def _truth(robot: str) -> str:
+    """Return the topic of a drone's own poses."""
+    return interfaces.POSE.of(f"{UPSTREAM}/{robot}")

@@ -82,7 +82,7 @@ CLOCK_FAULTS = (
         "stall_1s",
         "the controller stands still for 1 s",
         ((0.0, _stall(1.0)),),
-        Bounds(End.DONE, told=_LATE),
+        Bounds(End.DONE),
         victims=ALL,
     ),
     Fault(

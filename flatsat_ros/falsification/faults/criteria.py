@@ -73,7 +73,7 @@ class Outcome:
         separation: least distance to another drone while it was in the air, m.
         relaunched: it rose again after it had met the floor.
         grounded: in the end it is on the floor.
-        motors: in the end they turn.
+        motors: in the end they turn, or are told to.
         speed: in the end, m/s.
         off: how far it is from the end of its path in the end, m.
         mode: in the end; None if there is no controller.

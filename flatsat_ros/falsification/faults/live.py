@@ -37,11 +37,7 @@ _ENDING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL}
 
 
 def fly_live(wanted: Sequence[str], folder: Path) -> Generator[Row]:
-    """Yield the rows of live faults, by name, in their order; the nodes' logs go below the folder.
-
-    Raises:
-        FlatsatError: ROS is not to be had, the nodes did not find each other, or the drones did not take off.
-    """
+    """Yield the rows of live faults, by name, in their order; the nodes' logs go below the folder."""
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     for name in wanted:
         yield _fly(LIVE_FAULTS[name], folder / name)
@@ -59,6 +55,8 @@ def _fly(fault: LiveFault, logs: Path) -> Row:
         try:
             flight.prepared = b"" if fault.prepare is None else fault.prepare(lab)
             return _judged(fault, _perform(fault, flight), flight)
+        except FlatsatError as error:  # the drones did not come as far as the fault
+            return row_of(fault.name, LIVE, 0, [], [], [], [one_line(str(error), TEXT)])
         finally:
             for process in nodes.values():
                 if process.poll() is None:
@@ -202,7 +200,7 @@ class LiveFlight(Live):
 
     def higher_than(self, height: float) -> bool:
         """Tell whether all drones are that high, m."""
-        return bool((self.conductor.truth()[1][-1, :, 2] >= height).all())
+        return bool((self.conductor.heights() >= height).all())
 
 
 def _perform(fault: LiveFault, flight: LiveFlight) -> float:

@@ -170,7 +170,7 @@ ORDER_FAULTS = (
         Bounds(End.DOWN, distance=1.5),
     ),
     Fault("land_twice", "land, twice within 0.5 s", ((0.0, _land), (0.5, _land)), _LANDS),
-    Fault("goal_10m", "a goal 10 m away", _asked(_goal((0.0, 10.0, 0.0))), _FLIES_ON, _OR_LANDED),
+    Fault("goal_10m", "a goal 10 m away", _asked(_goal((0.0, 10.0, 0.0))), _FLIES_ON, _OR_LANDED, watched=16.0),
     Fault("goal_100m", "a goal 100 m away", _asked(_goal((0.0, 100.0, 0.0))), _FLIES_ON, _OR_LANDED),
     Fault("goal_up_10m", "a goal 10 m above", _asked(_goal((0.0, 0.0, 10.0))), _FLIES_ON, _OR_LANDED),
     Fault("goal_below_floor", "a goal 1 m below the floor", _asked(_goal_below), _UNDISTURBED),

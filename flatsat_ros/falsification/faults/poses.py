@@ -78,6 +78,7 @@ POSE_FAULTS = (
         "a take-off is accepted, and in the same moment the poses pause for 0.5 s",
         _for(0.5, _lost),
         _TOLD_AND_SURVIVED,
+        {Phase.TAKE_OFF: _SAFE},
         since_take_off=0.0,
     ),
     _lasting("poses_half", "50 % of the poses are lost", lambda s: faults.thinned(0.5, s.seed), _SURVIVED),

@@ -173,10 +173,10 @@ def row_of(
         passed=not problems,
         accepted=bool(problems) and (name, phase) in ACCEPTED,
         impact_m_s=max((_rounded(outcome.impact) or 0.0 for outcome in own if outcome.met), default=None),
-        distance_m=_rounded(float(np.max([outcome.distance for outcome in own]))),
+        distance_m=_rounded(float(np.max([outcome.distance for outcome in own], initial=-np.inf))),
         said=list(said)[:_REMARKS],
         seed=seed,
-        separation_m=_rounded(float(np.min([outcome.separation for outcome in outcomes]))),
+        separation_m=_rounded(float(np.min([outcome.separation for outcome in outcomes], initial=np.inf))),
         broken=problems,
     )
 

@@ -106,6 +106,7 @@ class Scene:
         self.record = Record(self.fleet.bodies.position, floor)
         self.link = FaultyLink(self.fleet, self._look)
         self._looks = 0
+        self._sent: dict[int, WireSetpoint] = {}  # at the last tick
         self.pilot: Pilot | None = self.new_pilot()
         self.remarks: list[Remark] = []
         self.moments: list[Moment] | None = [] if keep else None
@@ -211,12 +212,16 @@ class Scene:
             self.record.look(self.fleet.time, bodies.position)
 
     def _observe(self, _now: float, _samples: list[Sample], tick: Tick, sent: dict[int, WireSetpoint]) -> None:
-        time = self.fleet.time
+        time, self._sent = self.fleet.time, sent
         self.remarks += [Remark(time, drone, one_line(text, TEXT)) for drone, text in told(tick)]
         if self.moments is not None:
             bodies = self.fleet.bodies
             commands = [sent.get(index) for index in range(self.fleet.count)]
             self.moments.append(Moment(time, tick.mode, bodies.position.copy(), bodies.velocity.copy(), commands))
+
+    def _is_driven(self, drone: int) -> bool:
+        """Tell whether the pilot asks a drone for thrust, be it that its firmware does not give it."""
+        return self.pilot is not None and drone in self._sent and self._sent[drone].thrust > 0.0
 
     def outcomes(self) -> list[Outcome]:
         """Return what came of each drone's flight so far."""
@@ -225,7 +230,7 @@ class Scene:
             self.record.outcome(
                 drone,
                 grounded=bool(bodies.grounded[drone]),
-                motors=bool(power.ratio[drone] > 0.0),
+                motors=bool(power.ratio[drone] > 0.0 or self._is_driven(drone)),
                 speed=float(np.linalg.norm(bodies.velocity[drone])),
                 off=float(np.linalg.norm(bodies.position[drone] - self.record.paths[drone][-1])),
                 mode=None if self.pilot is None else Mode(int(self.pilot.mode[drone])),
