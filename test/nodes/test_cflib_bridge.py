@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
 pytest.importorskip("cflib", reason="the bridge is an extra")
 
-NEAR = 0.15  # m, see test_flight
 HOVER = 38842.0  # PWM
 ZERO = WireSetpoint(0.0, 0.0, 0.0, 0.0)
 # three drones share two cores with everybody else: a second without an answer is no lost link
@@ -81,7 +80,7 @@ def require_landed(lab: Lab, drones: Endpoint, places: Sequence[Sequence[float]]
 
     lab.wait(is_over, "the watchdogs to run out")
     off = np.abs(drones.fleet.bodies.position - np.array(places) * (1.0, 1.0, 0.0))
-    assert (off < (NEAR, NEAR, 0.02)).all()
+    assert (off < (lab.near, lab.near, 0.02)).all()
     assert not drones.fleet.firmware.thrust_locked.any()
 
 
@@ -131,33 +130,6 @@ def test_what_no_packet_may_carry_is_clipped_or_refused_and_counted(simulate: Si
         stream.cancel()
 
 
-def test_test_1_of_the_paper_is_flown_and_landed_over_the_whole_chain(
-    simulate: Simulate, lab: Lab, column: Any
-) -> None:
-    goal = (0.6, 0.6, 0.8)
-    drones = simulate((-0.6, -0.6, 0.0))
-    poses, commands = lab.watch(interfaces.POSE, "cf1"), lab.watch(interfaces.COMMAND, "cf1")
-    telemetry = lab.watch(interfaces.TELEMETRY, "cf1")
-    bridge(lab, drones)
-    lab.fly("cf1")
-    lab.take_off("cf1")
-    lab.go_to("cf1", goal)
-    lab.wait_for_flight("cf1", poses, goal, NEAR)
-    inputs = lab.require_within_limits(commands)
-    assert inputs[0, 0] == 0.0, "the thrust lock opens on zero thrust"
-    lab.wait(lambda: column(telemetry[-1:], "V")[0] < 0.05, "V to fall below V_inf")
-    # nobody was cheated: the pose is the simulated drone's, and what it flew on came by radio
-    assert drones.fleet.bodies.position[0] == pytest.approx(goal, abs=NEAR)
-    sent = {(c.linear.y, -c.linear.x, int(c.linear.z)) for c in commands}
-    assert all(
-        any(np.allclose((roll, pitch, thrust), one, rtol=1e-6) for one in sent)
-        for roll, pitch, _, thrust in setpoints(drones)[-5:]
-    )
-    lab.land("cf1")
-    require_landed(lab, drones, [goal])
-    lab.require_within_limits(commands)
-
-
 def test_three_drones_take_off_swap_places_and_land_over_the_whole_chain(simulate: Simulate, lab: Lab) -> None:
     places = np.array([[0.0, -0.6, 1.0], [0.6, 0.6, 1.0], [-0.6, 0.6, 1.0]])
     drones = simulate(*(places * (1.0, 1.0, 0.0)))
@@ -170,8 +142,15 @@ def test_three_drones_take_off_swap_places_and_land_over_the_whole_chain(simulat
     for robot, place in zip(names, places, strict=True):
         lab.go_to(robot, place)
     for robot, seen, place in zip(names, poses, places, strict=True):
-        lab.wait_for_flight(robot, seen, place, NEAR)
+        lab.wait_for_flight(robot, seen, place)
     flown = [len(seen) for seen in poses]
+    # nobody was cheated: the pose is the simulated drone's, and what it flew on came by radio
+    assert drones.fleet.bodies.position == pytest.approx(places, abs=lab.near)
+    for index, seen in enumerate(commands):
+        assert lab.require_within_limits(seen)[0, 0] == 0.0, "the thrust lock opens on zero thrust"
+        sent = np.array([(c.linear.y, -c.linear.x, int(c.linear.z)) for c in seen])
+        for roll, pitch, _, thrust in setpoints(drones, index)[-5:]:
+            assert np.isclose(sent, (roll, pitch, thrust), rtol=1e-6).all(axis=1).any()
 
     duration, rest = 4.0, np.zeros((2, 3))
     start = lab.node.get_clock().now().nanoseconds + messages.NANOSECONDS // 2
@@ -180,7 +159,7 @@ def test_three_drones_take_off_swap_places_and_land_over_the_whole_chain(simulat
         path = Trajectory.through([0.0, duration], [place, goal], rest, rest)
         lab.publish(interfaces.TRAJECTORY, robot, messages.message_from_trajectory(path, start))
     for robot, seen, goal in zip(names, poses, goals, strict=True):
-        lab.wait_for_flight(robot, seen, goal, NEAR)
+        lab.wait_for_flight(robot, seen, goal)
     lab.land(*names)
     require_landed(lab, drones, goals)
     for seen in commands:
@@ -249,7 +228,7 @@ def test_console_battery_and_link_are_reported(simulate: Simulate, lab: Lab) -> 
 @pytest.mark.parametrize("end", ["stop", "land"])
 def test_a_flown_drone_is_left_as_configured_and_never_locked(simulate: Simulate, lab: Lab, end: str) -> None:
     drones = simulate((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 0.0, 0.0))
-    process = bridge(lab, drones, on_shutdown=end, land_time=3.0)
+    process = bridge(lab, drones, on_shutdown=end, land_time=1.0)
     lab.stream("cf2", ZERO)
     lab.wait(lambda: setpoints(drones, 1), "a set-point without thrust for cf2")
     lift(lab, drones).cancel()
@@ -330,7 +309,7 @@ def test_a_flight_survives_lost_packets(simulate: Simulate, lab: Lab) -> None:
     lab.wait(lambda: len(poses) > 50, "poses")
     lab.fly("cf1")
     lab.go_to("cf1", (0.3, 0.0, 0.6))
-    lab.wait_for_flight("cf1", poses, (0.3, 0.0, 0.6), NEAR)
+    lab.wait_for_flight("cf1", poses, (0.3, 0.0, 0.6))
 
 
 def test_a_dead_link_ends_as_the_firmware_says_and_is_opened_again(simulate: Simulate, lab: Lab) -> None:
@@ -340,7 +319,7 @@ def test_a_dead_link_ends_as_the_firmware_says_and_is_opened_again(simulate: Sim
     poses = lab.watch(interfaces.POSE, "cf2")
     lab.fly("cf2")
     lab.go_to("cf2", (1.0, 0.0, 0.5))
-    lab.wait_for_flight("cf2", poses, (1.0, 0.0, 0.5), NEAR)
+    lab.wait_for_flight("cf2", poses, (1.0, 0.0, 0.5))
     lift(lab, drones)
     drones.drones[0].deaf = True
     lab.wait(lambda: state(drones) == State.LOCKED, "the firmware to cut the motors")
@@ -351,7 +330,7 @@ def test_a_dead_link_ends_as_the_firmware_says_and_is_opened_again(simulate: Sim
     assert int(values(status)["connections"]) >= 2
     # the other drone never noticed
     lab.wait(lambda: len(poses) > settled + 100, "poses of the other drone")
-    assert np.abs([pose.pose.position.z - 0.5 for pose in poses[settled:]]).max() < NEAR
+    assert np.abs([pose.pose.position.z - 0.5 for pose in poses[settled:]]).max() < lab.near
 
 
 def test_a_short_silence_of_the_link_costs_no_connection(simulate: Simulate, lab: Lab) -> None:

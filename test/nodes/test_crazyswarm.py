@@ -58,7 +58,7 @@ def test_a_drone_is_armed_taken_over_in_the_air_handed_back_and_landed(lab: Lab)
 
     begin = len(poses)
     lab.go_to("cf1", (0.3, 0.0, 0.6))
-    lab.wait_for_flight("cf1", poses, (0.3, 0.0, 0.6), 0.15)
+    lab.wait_for_flight("cf1", poses, (0.3, 0.0, 0.6))
     assert mode(telemetry) is Mode.FLY
     assert lab.ask(Trigger, interfaces.service_of("cf1", "hand_over")).success
     lab.wait(lambda: "/cf1/go_to: hold the place" in controller.output, "the hand-over")
@@ -77,7 +77,7 @@ def test_a_drone_taken_back_at_once_is_not_cut(lab: Lab) -> None:
     lab.start("sim_drone", robot_names=["cf1"])
     lab.fly("cf1")
     lab.go_to("cf1", (0.0, 0.0, 0.6))
-    lab.wait_for_flight("cf1", poses, (0.0, 0.0, 0.6), 0.15)
+    lab.wait_for_flight("cf1", poses, (0.0, 0.0, 0.6))
     begin = len(poses)
     assert lab.ask(Trigger, interfaces.service_of("cf1", "hand_over")).success
     lab.wait(lambda: mode(telemetry) is Mode.IDLE, "silence")
@@ -93,7 +93,7 @@ def test_the_end_of_the_controller_leaves_a_drone_that_was_handed_over_in_the_ai
     lab.start("sim_drone", robot_names=["cf1"])
     controller = lab.fly("cf1")
     lab.go_to("cf1", (0.0, 0.0, 0.8))
-    lab.wait_for_flight("cf1", poses, (0.0, 0.0, 0.8), 0.15)
+    lab.wait_for_flight("cf1", poses, (0.0, 0.0, 0.8))
     assert lab.ask(Trigger, interfaces.service_of("cf1", "hand_over")).success
     lab.listen(pause)
     sent = len(commands)
@@ -108,7 +108,7 @@ def test_after_a_landing_the_drones_own_commander_may_take_off(lab: Lab) -> None
     lab.start("sim_drone", robot_names=["cf1"])
     controller = lab.fly("cf1")
     lab.go_to("cf1", (0.0, 0.0, 0.5))
-    lab.wait_for_flight("cf1", poses, (0.0, 0.0, 0.5), 0.15)
+    lab.wait_for_flight("cf1", poses, (0.0, 0.0, 0.5))
     assert lab.ask(Trigger, interfaces.service_of("cf1", "land")).success
     lab.wait(lambda: telemetry and mode(telemetry) is Mode.IDLE, "the end of the rest")
     lab.wait(lambda: "/cf1/notify_setpoints_stop: no more set-points" in controller.output, "the notice")

@@ -13,20 +13,28 @@ if TYPE_CHECKING:
     from conftest import Lab
 
 
-@pytest.mark.parametrize("name", ["cf1/emergency", "all/emergency"])
-def test_an_emergency_stops_a_flying_drone_until_reboot(lab: Lab, name: str) -> None:
-    poses, battery = lab.watch(interfaces.POSE, "cf1"), lab.watch(interfaces.BATTERY, "cf1")
-    status = lab.watch_diagnostics("sim_drone: cf1")
-    lab.start("sim_drone", robot_names=["cf1"])
-    lab.fly("cf1")
-    lab.go_to("cf1", (0.0, 0.0, 0.5))
-    lab.wait(lambda: poses and poses[-1].pose.position.z > 0.3, "the climb")
-    lab.ask(Empty, name)
-    lab.wait(lambda: poses[-1].pose.position.z < 0.01, "the fall")
+def test_an_emergency_stops_one_flying_drone_or_all_until_reboot(lab: Lab) -> None:
+    robots = ("cf1", "cf2")
+    poses = {robot: lab.watch(interfaces.POSE, robot) for robot in robots}
+    battery, status = lab.watch(interfaces.BATTERY, "cf1"), lab.watch_diagnostics("sim_drone: cf1")
+    lab.start("sim_drone", robot_names=list(robots))
+    lab.fly(*robots)
+
+    def height(robot: str) -> float:
+        return float(poses[robot][-1].pose.position.z) if poses[robot] else -1.0
+
+    for number, robot in enumerate(robots):
+        lab.go_to(robot, (float(number), 0.0, 0.5))
+    lab.wait(lambda: min(map(height, robots)) > 0.3, "the climb")
+    lab.ask(Empty, "cf1/emergency")
+    lab.wait(lambda: height("cf1") < 0.01, "the fall")
+    assert height("cf2") > 0.3, "the other one flies on"
+    lab.ask(Empty, "all/emergency")
+    lab.wait(lambda: height("cf2") < 0.01, "the fall of the other one")
     lab.listen(1.0)
-    assert poses[-1].pose.position.z < 0.01, "latched, whatever the controller sends"
+    assert max(map(height, robots)) < 0.01, "latched, whatever the controller sends"
     assert lab.ask(Trigger, "cf1/reboot").success
-    lab.wait(lambda: status[-1].message not in ("motors off until reboot",), "the reboot")
+    lab.wait(lambda: status[-1].message != "motors off until reboot", "the reboot")
     assert battery[-1].voltage == pytest.approx(4.0, abs=0.5)
     assert battery[-1].present
 
@@ -34,7 +42,7 @@ def test_an_emergency_stops_a_flying_drone_until_reboot(lab: Lab, name: str) -> 
 def test_a_brushless_drone_flies_only_when_armed_through_the_controller(lab: Lab) -> None:
     poses = lab.watch(interfaces.POSE, "cf1")
     lab.start("sim_drone", robot_names=["cf1"], vehicle="brushless")
-    controller = lab.fly("cf1", vehicle="brushless")
+    controller = lab.fly("cf1", vehicle="brushless", lift_off_time=1.0)
     lab.go_to("cf1", (0.0, 0.0, 0.5))
     lab.wait(lambda: "cf1: told to climb, but it did not leave the ground" in controller.output, "the cut")
     assert poses[-1].pose.position.z < 0.01

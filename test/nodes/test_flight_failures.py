@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     Column = Any
 
 HERE, THERE = (0.0, 0.0, 0.6), (0.0, 1.0, 0.6)
-NEAR = 0.15  # m, see test_flight
 
 
 def heights(poses: list[Any]) -> np.ndarray:
@@ -33,12 +32,12 @@ def test_a_drone_that_appears_late_flies_and_disturbs_nobody(lab: Lab) -> None:
     lab.fly("cf1", "cf2", unlock_time=2.0)
     lab.go_to("cf1", HERE)
     lab.go_to("cf2", THERE, linked=False)
-    lab.wait_for_flight("cf1", poses["cf1"], HERE, NEAR)
+    lab.wait_for_flight("cf1", poses["cf1"], HERE)
     assert not commands["cf2"], "no command without a pose"
     settled = len(poses["cf1"])
     lab.start("sim_drone", robot_names=["cf2"], start_positions=[0.0, 1.0, 0.0])
-    lab.wait_for_flight("cf2", poses["cf2"], THERE, NEAR)
-    assert np.abs(heights(poses["cf1"][settled:]) - HERE[2]).max() <= NEAR
+    lab.wait_for_flight("cf2", poses["cf2"], THERE)
+    assert np.abs(heights(poses["cf1"][settled:]) - HERE[2]).max() <= lab.near
     for seen in commands.values():
         lab.require_within_limits(seen)
 
@@ -58,7 +57,7 @@ def test_a_drone_whose_process_is_killed_is_given_up_and_flies_again_after_a_new
     for robot, goal in zip(robots, (HERE, THERE), strict=True):
         lab.go_to(robot, goal)
     for robot, goal in zip(robots, (HERE, THERE), strict=True):
-        lab.wait_for_flight(robot, poses[robot], goal, NEAR)
+        lab.wait_for_flight(robot, poses[robot], goal)
     settled = len(poses["cf1"])
 
     assert doomed.stop(signal.SIGKILL) == -signal.SIGKILL
@@ -70,23 +69,22 @@ def test_a_drone_whose_process_is_killed_is_given_up_and_flies_again_after_a_new
     assert mode() == Mode.CUT
     assert heights(poses["cf2"][fresh:]).max() == 0.0
     lab.go_to("cf2", THERE)
-    lab.wait_for_flight("cf2", poses["cf2"], THERE, NEAR)
+    lab.wait_for_flight("cf2", poses["cf2"], THERE)
 
-    assert np.abs(heights(poses["cf1"][settled:]) - HERE[2]).max() <= NEAR
+    assert np.abs(heights(poses["cf1"][settled:]) - HERE[2]).max() <= lab.near
     for seen in commands.values():
         lab.require_within_limits(seen)
     assert controller.stop() == 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGINT])
-def test_a_controller_stopped_in_flight_leaves_its_drones_level_and_sinking(lab: Lab, number: signal.Signals) -> None:
+def test_a_controller_stopped_in_flight_leaves_its_drones_level_and_sinking(lab: Lab) -> None:
     poses, commands = lab.watch(interfaces.POSE, "cf1"), lab.watch(interfaces.COMMAND, "cf1")
     idle = lab.watch(interfaces.COMMAND, "cf2")
     lab.start("sim_drone", robot_names=["cf1", "cf2"])
     controller = lab.fly("cf1", "cf2")
     lab.go_to("cf1", (1.0, 0.0, 1.0))
     lab.wait(lambda: poses and poses[-1].pose.position.z > 0.3, "the drone to climb")
-    assert controller.stop(number) == 0
+    assert controller.stop(signal.SIGHUP) == 0
     level = float(lab.vehicle.pwm_from_thrust(Policy.level_thrust * lab.certificate.limits.gravity))
     last = WireSetpoint(0.0, 0.0, 0.0, pytest.approx(level))
     lab.wait(lambda: messages.command_from_message(commands[-1]) == last, "the last command")

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import signal
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-import pytest
 from std_srvs.srv import SetBool, Trigger
 
 from flatsat_ros.flight.supervisor import Mode
@@ -16,33 +15,46 @@ if TYPE_CHECKING:
     from conftest import Lab
 
 
-@pytest.mark.parametrize("who", ["cf1", interfaces.ALL])
-def test_a_drone_is_disarmed_armed_flown_and_landed_by_services(lab: Lab, who: str) -> None:
-    poses, telemetry = lab.watch(interfaces.POSE, "cf1"), lab.watch(interfaces.TELEMETRY, "cf1")
-    lab.start("sim_drone", robot_names=["cf1"])
-    controller = lab.fly("cf1", takeoff_height=0.4)
-    lab.wait(lambda: poses and telemetry, "poses and telemetry")
+def test_drones_are_disarmed_armed_flown_and_landed_by_services_of_one_and_of_all(lab: Lab) -> None:
+    robots, everybody = ("cf1", "cf2"), interfaces.ALL
+    poses = {robot: lab.watch(interfaces.POSE, robot) for robot in robots}
+    telemetry = {robot: lab.watch(interfaces.TELEMETRY, robot) for robot in robots}
+    lab.start("sim_drone", robot_names=list(robots))
+    controller = lab.fly(*robots, takeoff_height=0.4)
+    lab.wait(lambda: all(poses[robot] and telemetry[robot] for robot in robots), "poses and telemetry")
 
-    def mode() -> Mode:
-        return Mode(int(telemetry[-1].data[FIELDS.index("mode")]))
+    def modes() -> set[Mode]:
+        return {Mode(int(seen[-1].data[FIELDS.index("mode")])) for seen in telemetry.values()}
 
-    refused = lab.ask(Trigger, interfaces.service_of(who, "land"))
-    assert not refused.success
-    assert "cf1: land refused: the drone is in IDLE: only one in FLY or LEVEL can land" in refused.message
-    assert lab.ask(SetBool, interfaces.service_of(who, "arm"), data=False).success
-    assert "disarmed: arm it first" in lab.ask(Trigger, interfaces.service_of(who, "takeoff")).message
-    assert lab.ask(SetBool, interfaces.service_of(who, "arm"), data=True).success
+    def trigger(who: str, name: str) -> Any:
+        return lab.ask(Trigger, interfaces.service_of(who, name))
+
+    def arm(who: str, wanted: bool) -> Any:
+        return lab.ask(SetBool, interfaces.service_of(who, "arm"), data=wanted)
+
+    for who, named in (("cf1", ("cf1",)), (everybody, robots)):
+        refused = trigger(who, "land")
+        assert not refused.success
+        for robot in named:
+            assert f"{robot}: land refused: the drone is in IDLE: only one in FLY or LEVEL can land" in refused.message
+        assert arm(who, False).success
+        assert "disarmed: arm it first" in trigger(who, "takeoff").message
+        assert arm(who, True).success
     # refused until the controller, too, has seen enough poses
-    lab.wait(lambda: lab.ask(Trigger, interfaces.service_of(who, "takeoff")).success, "the take-off")
-    lab.wait_for_flight("cf1", poses, (0.0, 0.0, 0.4), 0.15)
-    assert "land it first" in lab.ask(SetBool, interfaces.service_of(who, "arm"), data=False).message
-    assert lab.ask(Trigger, interfaces.service_of(who, "land")).success
-    lab.wait(lambda: mode() is Mode.REST, "the touch-down")
-    assert poses[-1].pose.position.z < 0.02
-    lab.wait(lambda: mode() is Mode.IDLE, "the end of the rest")
+    for who in ("cf1", everybody):
+        lab.wait(lambda who=who: trigger(who, "takeoff").success, f"the take-off of {who}")
+    for number, robot in enumerate(robots):
+        lab.wait_for_flight(robot, poses[robot], (float(number), 0.0, 0.4))
+    assert "land it first" in arm("cf1", False).message
+    assert "land it first" in arm(everybody, False).message
+    assert trigger("cf1", "land").success
+    assert trigger(everybody, "land").success
+    lab.wait(lambda: modes() == {Mode.REST}, "the touch-down")
+    assert max(seen[-1].pose.position.z for seen in poses.values()) < 0.02
+    lab.wait(lambda: modes() == {Mode.IDLE}, "the end of the rest")
     commands = lab.watch(interfaces.COMMAND, "cf1")
     lab.listen(0.5)
-    # by now somebody else may fly the drone
+    # by now somebody else may fly the drones
     assert controller.stop(signal.SIGINT) == 0
     lab.listen(0.5)
     assert commands == []
@@ -53,7 +65,7 @@ def test_a_drone_handed_over_gets_no_last_command_and_is_not_disarmed(lab: Lab) 
     lab.start("sim_drone", robot_names=["cf1"])
     controller = lab.fly("cf1")
     lab.go_to("cf1", (0.0, 0.0, 0.5))
-    lab.wait_for_flight("cf1", poses, (0.0, 0.0, 0.5), 0.15)
+    lab.wait_for_flight("cf1", poses, (0.0, 0.0, 0.5))
     assert lab.ask(Trigger, interfaces.service_of("cf1", "hand_over")).success
     lab.wait(lambda: telemetry[-1].data[FIELDS.index("mode")] == Mode.IDLE, "silence")
     commands = lab.watch(interfaces.COMMAND, "cf1")

@@ -47,7 +47,7 @@ def test_drones_of_two_types_fly_side_by_side_and_turn_to_their_yaw(lab: Lab, cr
         lab.go_to(robot, (0.0, y, 0.5))
         lab.publish(interfaces.GOAL, robot, goal)
     for robot, y in (("cf1", 0.0), ("cf2", 1.0)):
-        lab.wait_for_flight(robot, poses[robot], (0.3, y, 0.5), 0.15)
+        lab.wait_for_flight(robot, poses[robot], (0.3, y, 0.5))
         lab.wait(
             lambda robot=robot: abs(messages.yaw_from_quaternion(poses[robot][-1].pose.orientation) - 1.0) < 0.1,  # type: ignore[misc]
             f"{robot} to turn",

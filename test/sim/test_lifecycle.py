@@ -169,6 +169,21 @@ def test_a_drone_handed_over_is_not_commanded_any_more() -> None:
     assert len(flight.thrusts) == sent
 
 
+@pytest.mark.parametrize(("noise", "near"), [(0.0, 0.005), (1e-3, 0.03)])
+def test_at_10_hz_a_drone_whose_disturbance_is_compensated_hovers_this_near_its_goal(noise: float, near: float) -> None:
+    pilot = Pilot(CERTIFICATE, Tuning(2.0, 0.05, 1.0, CERTIFICATE.gain_max), Policy(disturbance_max=0.8), 1)
+    fleet = SimulatedFleet(VEHICLE, 1, start=[[0.0, 0.0, 0.0]], capture=MotionCapture(noise=noise), seed=3)
+    goal, errors = np.array([0.6, 0.6, 0.8]), []
+
+    def observe(now: float, *_: object) -> None:
+        if now > 10.0:
+            errors.append(np.abs(fleet.bodies.position[0] - goal).max())
+
+    pilot.set_reference(0, Trajectory.hold(goal))
+    fly(pilot, fleet, VEHICLE, 20.0, observe)
+    assert max(errors) < near
+
+
 @pytest.mark.parametrize("yaw_mode", YawMode)
 def test_the_drone_turns_to_the_yaw_of_its_goal_by_rate_and_by_angle(yaw_mode: YawMode) -> None:
     pilot = Pilot(CERTIFICATE, Tuning(2.0, 0.05, 1.0, CERTIFICATE.gain_max), Policy(), 1)
