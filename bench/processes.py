@@ -22,6 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 from tqdm import tqdm
 
 from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.files import make_folder
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS
@@ -211,7 +212,7 @@ def _commands(certificate: Path, period: float) -> dict[str, list[str]]:
 @contextmanager
 def _running(commands: dict[str, list[str]], logs: Path) -> Iterator[dict[str, subprocess.Popen[bytes]]]:
     """Start the processes, each with its own log file, and end them, whatever happens in between."""
-    logs.mkdir(parents=True, exist_ok=True)
+    make_folder(logs)
     running: dict[str, subprocess.Popen[bytes]] = {}
     try:
         for name, command in commands.items():

@@ -26,6 +26,7 @@ from report import Quartiles, Target, quartiles, table
 from tqdm import tqdm
 
 from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.files import make_folder, write_text
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import Certificate, load_certificate
 from flatsat_ros.paper import offset_free
@@ -42,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="bench", description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("out/bench"), help="folder (default: %(default)s)")
     folder: Path = parser.parse_args(argv).output
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     os.environ["ROS_LOG_DIR"] = str((folder / "log").resolve())
     try:
         targets: list[Target] = []
@@ -63,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
     )
     results["targets"] = [{**t._asdict(), "measured": t.measured._asdict(), "met": t.met} for t in targets]
-    (folder / "bench.json").write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+    write_text(folder / "bench.json", json.dumps(results, indent=2) + "\n")
     print(f"\n{folder / 'bench.json'}")
     return 0
 

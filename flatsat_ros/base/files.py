@@ -6,6 +6,8 @@ import os
 import stat
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from flatsat_ros.base.errors import FlatsatError, one_line, quoted, refusal
@@ -92,51 +94,70 @@ def unreadable(path: str | os.PathLike[str], reason: object) -> FlatsatError:
 
 
 def make_folder(path: str | os.PathLike[str]) -> Path:
-    """Make a folder for results, its parents too; one that is there already is taken.
+    """Make a folder, its parents too; one that is there already is taken.
 
     Raises:
-        FlatsatError: it cannot be made, or nothing can be written into it.
+        FlatsatError: it cannot be made.
     """
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
         raise unwritable(folder, error) from error
-    check_folder(folder)
     return folder
 
 
-def check_folder(folder: str | os.PathLike[str]) -> None:
-    """Refuse a folder into which no file can be written; to be asked before long work begins.
+def check_writable(path: str | os.PathLike[str]) -> None:
+    """Refuse a file that cannot be written; nothing is written yet. To be asked before long work begins.
 
     Raises:
-        FlatsatError: it is missing, no folder, or read-only.
+        FlatsatError: its folder is missing or read-only, it is a folder itself, or it must not be written.
     """
-    if not Path(folder).is_dir() or not os.access(folder, os.W_OK | os.X_OK):
-        raise unwritable(folder, "must be a folder in which files can be made")
+    file = Path(path)
+    if not file.parent.is_dir():
+        raise unwritable(file, f"the folder {shown(file.parent)} does not exist")
+    if file.is_dir():
+        raise unwritable(file, "it is a folder, must be a file")
+    if not os.access(file.parent, os.W_OK | os.X_OK) or (file.exists() and not os.access(file, os.W_OK)):
+        raise unwritable(file, "it is protected, must be a file that may be written, in such a folder")
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a text file in one step: whoever reads it meanwhile, or finds it after a failure, has the old one.
+    """Write a text file in one step, as `replacing` does.
+
+    Raises:
+        FlatsatError: the file cannot be written.
+    """
+    with replacing(path) as file:
+        file.write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Give a file to write to, of the same ending, which then takes the place of another in one step.
+
+    Whoever reads the file meanwhile, or finds it after a failure, has the old one.
 
     Raises:
         FlatsatError: the file cannot be written.
     """
     target, temporary = Path(path), None
     try:
-        with tempfile.NamedTemporaryFile(
-            "w", encoding="utf-8", dir=target.parent, prefix=target.name, suffix=".part", delete=False
-        ) as stream:
-            temporary = Path(stream.name)
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())  # or a power cut could leave the new name without the new text
+        handle, name = tempfile.mkstemp(dir=target.parent, prefix=".part-", suffix=target.suffix)
+        temporary = Path(name)
+        try:
+            yield temporary
+            os.fsync(handle)  # or a power cut could leave the new name without the new content
+        finally:
+            os.close(handle)
         temporary.chmod(0o644)
         temporary.replace(target)
-    except (OSError, ValueError) as error:
+    except BaseException as error:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
-        raise unwritable(path, error) from error
+        if isinstance(error, (OSError, ValueError)) and not isinstance(error, FlatsatError):
+            raise unwritable(path, error) from error
+        raise
 
 
 def unwritable(path: str | os.PathLike[str], reason: object) -> FlatsatError:

@@ -77,7 +77,7 @@ def _fly(arguments: argparse.Namespace) -> int:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
-    from flatsat_ros.base.errors import FlatsatError
+    from flatsat_ros.base.errors import refusal
     from flatsat_ros.falsification.campaigns import CAMPAIGNS, RUNS
     from flatsat_ros.falsification.certificates import synthesized_for
     from flatsat_ros.falsification.report import replay_text
@@ -87,10 +87,8 @@ def _replay(arguments: argparse.Namespace) -> int:
     campaign, _, numbers = arguments.replay.partition(":")
     seed, _, index = numbers.partition(":")
     if campaign not in CAMPAIGNS or not (seed.isdecimal() and index.isdecimal()) or int(index) >= RUNS:
-        raise FlatsatError(
-            f"--replay {arguments.replay}: must be CAMPAIGN:SEED:INDEX with a campaign of {', '.join(CAMPAIGNS)} and "
-            f"an index below {RUNS}"
-        )
+        valid = f"CAMPAIGN:SEED:INDEX with a campaign of {', '.join(CAMPAIGNS)} and an index below {RUNS}"
+        raise refusal("--replay", arguments.replay, "", valid)
     _require_effect(arguments.sabotage, [campaign])
     pool = synthesized_for([campaign])
     outcome = run_batch(Batch(campaign, int(seed)), pool, arguments.sabotage, int(index))

@@ -51,14 +51,14 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _fly(arguments: argparse.Namespace) -> int:
-    from flatsat_ros.base.errors import FlatsatError
+    from flatsat_ros.base.errors import refusal
     from flatsat_ros.falsification.faults.phases import Phase
     from flatsat_ros.falsification.faults.rows import fly_rows
     from flatsat_ros.falsification.faults.table import FAULTS
 
     workers = os.cpu_count() or 1 if arguments.workers is None else arguments.workers
     if workers < 1:
-        raise FlatsatError(f"--workers {workers}: must be at least 1")
+        raise refusal("--workers", workers, "", "at least 1")
     phases = list(Phase) if arguments.phase is None else [Phase(arguments.phase)]
     wanted = [(name, phase) for name in _names(arguments, FAULTS) for phase in phases]
     return _collect(fly_rows(wanted, workers), len(wanted), _folder(arguments))
@@ -77,12 +77,12 @@ def _fly_live(arguments: argparse.Namespace) -> int:
 
 
 def _names(arguments: argparse.Namespace, faults: Mapping[str, object]) -> list[str]:
-    from flatsat_ros.base.errors import FlatsatError
+    from flatsat_ros.base.errors import refusal
 
     if arguments.fault is None:
         return list(faults)
     if arguments.fault not in faults:
-        raise FlatsatError(f"--fault {arguments.fault}: must be one of {', '.join(faults)}")
+        raise refusal("--fault", arguments.fault, "", f"one of {', '.join(faults)}")
     return [arguments.fault]
 
 
@@ -121,7 +121,7 @@ def _collect(flown: Generator[Row], count: int, folder: Path) -> int:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
-    from flatsat_ros.base.errors import FlatsatError
+    from flatsat_ros.base.errors import refusal
     from flatsat_ros.falsification.faults.page import history
     from flatsat_ros.falsification.faults.phases import Phase
     from flatsat_ros.falsification.faults.rows import SEED, replay
@@ -132,10 +132,8 @@ def _replay(arguments: argparse.Namespace) -> int:
     name, _, rest = arguments.replay.partition(":")
     phase, _, seed = rest.partition(":")
     if name not in FAULTS or phase not in phases or not (seed or "0").isdecimal():
-        raise FlatsatError(
-            f"--replay {arguments.replay}: must be FAULT:PHASE or FAULT:PHASE:SEED with a fault of --help and a phase "
-            f"of {', '.join(phases)}"
-        )
+        valid = f"FAULT:PHASE or FAULT:PHASE:SEED with a fault of --help and a phase of {', '.join(phases)}"
+        raise refusal("--replay", arguments.replay, "", valid)
     row, scene = replay(name, Phase(phase), int(seed) if seed else SEED)
     print(history(row, scene))
     return 1 if row.failed else 0

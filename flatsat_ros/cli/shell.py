@@ -131,12 +131,15 @@ def path(text: str) -> Path:
     """Return the path that an argument names; `~` is the home folder, `~name` that of a user.
 
     Raises:
-        argparse.ArgumentTypeError: there is no such user.
+        argparse.ArgumentTypeError: it is no path, or there is no such user.
     """
+    from flatsat_ros.base.errors import FlatsatError
+    from flatsat_ros.base.files import user_path
+
     try:
-        return Path(text).expanduser()
-    except RuntimeError as error:
-        raise argparse.ArgumentTypeError(f"{text}: there is no user with this home folder") from error
+        return user_path(text)
+    except FlatsatError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def require_alone(arguments: argparse.Namespace, option: str, *beside: str) -> None:
@@ -165,26 +168,11 @@ def require_folder(folder: Path, names: Iterable[str]) -> None:
     """Make a folder, with those of the files' names, and refuse it if one of the files cannot be written.
 
     Raises:
-        FlatsatError: a file cannot be written.
-        OSError: the folder cannot be made.
+        FlatsatError: the folder cannot be made, or a file cannot be written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    from flatsat_ros.base.files import check_writable, make_folder
+
+    make_folder(folder)
     for name in names:
-        (folder / name).parent.mkdir(exist_ok=True)
-        require_writable(folder / name)
-
-
-def require_writable(file: Path) -> None:
-    """Refuse a file that cannot be written; nothing is written yet.
-
-    Raises:
-        FlatsatError: its folder is not there, it is no file, or it must not be written.
-    """
-    from flatsat_ros.base.errors import FlatsatError
-
-    if not file.parent.is_dir():
-        raise FlatsatError(f"{file}: the folder {file.parent} does not exist")
-    if file.is_dir():
-        raise FlatsatError(f"{file}: is a folder, must be a file")
-    if not os.access(file if file.exists() else file.parent, os.W_OK):
-        raise FlatsatError(f"{file}: cannot be written")
+        make_folder((folder / name).parent)
+        check_writable(folder / name)

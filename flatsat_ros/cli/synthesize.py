@@ -117,7 +117,7 @@ def _write_paper(arguments: argparse.Namespace) -> None:
 
 
 def _write_own(arguments: argparse.Namespace) -> None:
-    from flatsat_ros.base.errors import FlatsatError
+    from flatsat_ros.base.errors import FlatsatError, refusal
     from flatsat_ros.crazyflie.vehicle import load_vehicle
     from flatsat_ros.synthesis.wishes import Wishes
 
@@ -130,15 +130,15 @@ def _write_own(arguments: argparse.Namespace) -> None:
         if target is not None:
             _require_writable(target, arguments.force)
     if plot is not None and plot.suffix not in _PICTURES:
-        raise FlatsatError(f"--plot {plot}: must end in {', '.join(_PICTURES)}")
+        raise refusal("--plot", str(plot), "", f"a file whose name ends in {', '.join(_PICTURES)}")
     vehicle = None if arguments.vehicle is None else load_vehicle(arguments.vehicle)
     limits, inputs = _limits(arguments, vehicle)
     lowest = 1.0 if arguments.kappa is None else arguments.kappa
     if not 0.0 < lowest <= 1.0:
-        raise FlatsatError(f"--kappa {lowest}: must lie in (0, 1]")
+        raise refusal("--kappa", lowest, "", "above 0 and at most 1")
     highest = math.inf if arguments.gain_max is None else arguments.gain_max
     if not highest >= 1.0:
-        raise FlatsatError(f"--gain-max {highest}: must be at least 1")
+        raise refusal("--gain-max", highest, "", "at least 1")
     drift, push = (_pair(option, getattr(arguments, option)) for option in ("drift", "push"))
     timing = _timing(arguments, vehicle)
     if arguments.cover is not None:
@@ -181,19 +181,19 @@ def _pair(option: str, values: list[float] | None) -> FloatArray | None:
     """Return (x and y, z) from one or two numbers."""
     import numpy as np
 
-    from flatsat_ros.base.errors import FlatsatError
+    from flatsat_ros.base.errors import refusal
 
     if values is None:
         return None
     if len(values) > 2:
-        raise FlatsatError(f"--{option} {','.join(map(str, values))}: must be one number, or two as H,V")
+        raise refusal(f"--{option}", list(values), "", "one number, or two as H,V")
     return np.array([values[0], values[-1]])
 
 
 def _limits(arguments: argparse.Namespace, vehicle: VehicleProfile | None) -> tuple[InputSet, dict[str, str]]:
     """Return the input set that the arguments ask for, and how they ask for it."""
     from flatsat_ros.base.constants import GRAVITY
-    from flatsat_ros.base.errors import FlatsatError
+    from flatsat_ros.base.errors import FlatsatError, refusal
     from flatsat_ros.law.input_set import InputSet
 
     inputs = {} if vehicle is None else {"vehicle": vehicle.name}
@@ -209,20 +209,18 @@ def _limits(arguments: argparse.Namespace, vehicle: VehicleProfile | None) -> tu
     inputs["tilt_max"] = f"{tilt} deg"
     limits = InputSet(thrust, math.radians(tilt), GRAVITY)
     if vehicle is not None and thrust > vehicle.thrust_max:
-        raise FlatsatError(
-            f"thrust_max = {thrust:.6g} m/s^2 ({thrust / GRAVITY:.4g} g) is more than {vehicle.name} lifts: must be "
-            f"at most {vehicle.thrust_max:.6g} m/s^2 ({vehicle.thrust_max / GRAVITY:.4g} g)"
-        )
+        most = f"{vehicle.thrust_max:.6g} m/s^2 ({vehicle.thrust_max / GRAVITY:.4g} g)"
+        raise refusal("thrust_max", thrust, "m/s^2", f"at most {most}, what {vehicle.name} lifts")
     return limits, inputs
 
 
 def _require_writable(target: Path, force: bool) -> None:
     """Refuse, before anything is computed, a target that exists or cannot be written."""
-    from flatsat_ros.base.errors import FlatsatError
+    from flatsat_ros.base.files import check_writable, unwritable
 
-    shell.require_writable(target)
+    check_writable(target)
     if target.exists() and not force:
-        raise FlatsatError(f"{target} exists: give --force to overwrite it")
+        raise unwritable(target, "it exists: give --force to overwrite it")
 
 
 def _finish(certificate: Certificate, output: Path | None, plot: Path | None, cover: Sequence[float] | None) -> None:

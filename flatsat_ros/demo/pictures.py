@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from flatsat_ros.base.files import replacing
 from flatsat_ros.demo.record import FlightRecord
 from flatsat_ros.flight.supervisor import Mode
 
@@ -23,7 +24,8 @@ def draw(record: FlightRecord, folder: Path) -> list[Path]:
     """Write `FILES` into a folder; return their paths."""
     written = [folder / name for name in FILES]
     for path, figure in zip(written, (_paths(record), _gain(record), _inputs(record)), strict=True):
-        figure.savefig(path, dpi=130)
+        with replacing(path) as file:
+            figure.savefig(file, dpi=130)
     return written
 
 

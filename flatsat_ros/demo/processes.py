@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.files import make_folder
 from flatsat_ros.demo.scenario import GAMMA_0, MU, POSE_NOISE, V_INF, VEHICLE, Scenario
 
 _GOODBYE = 5.0  # s, that a node has to end by itself
@@ -82,7 +83,7 @@ def running(commands: Mapping[str, list[str]], logs: Path) -> Iterator[Nodes]:
     Raises:
         FlatsatError: a process that was still running at the end did not leave by itself with exit code 0.
     """
-    logs.mkdir(parents=True, exist_ok=True)
+    make_folder(logs)
     started: dict[str, subprocess.Popen[bytes]] = {}
     try:
         for name, command in commands.items():

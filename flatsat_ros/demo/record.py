@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.files import write_text
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.flight.trajectory import Trajectory
@@ -129,9 +130,13 @@ class FlightRecord:
 
 
 def write(summary: Mapping[str, Any], folder: Path) -> Path:
-    """Write the figures to `SUMMARY` in a folder; return its path."""
+    """Write the figures to `SUMMARY` in a folder; return its path.
+
+    Raises:
+        FlatsatError: the file cannot be written.
+    """
     target = folder / SUMMARY
-    target.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    write_text(target, json.dumps(summary, indent=2) + "\n")
     return target
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import refusal
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
@@ -82,14 +82,14 @@ def plan(
         FlatsatError: the number of drones, the time or the rate cannot be flown.
     """
     if not 1 <= count <= 64:
-        raise FlatsatError(f"--robots {count}: must be from 1 to 64")
+        raise refusal("--robots", count, "", "from 1 to 64")
     if not 0.0 < seconds <= 3600.0:
-        raise FlatsatError(f"--seconds {seconds}: must lie in (0, 3600]")
+        raise refusal("--seconds", seconds, "s", "above 0 and at most 3600")
     path = config_path("paper_experiment")
     certificate = Certificate.load(path)
     if rate is not None:
         if not 1.0 <= rate <= 500.0:
-            raise FlatsatError(f"--rate {rate} Hz: must be from 1 to 500")
+            raise refusal("--rate", rate, "Hz", "from 1 to 500")
         from flatsat_ros.synthesis.nominal import synthesize
 
         certificate = synthesize(certificate.limits, certificate.rate, 1.0 / rate, f"demo_{rate:g}_hz")

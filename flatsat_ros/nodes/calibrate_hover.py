@@ -12,7 +12,7 @@ from tqdm import tqdm
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError, refusal
-from flatsat_ros.base.files import check_folder, user_path
+from flatsat_ros.base.files import check_writable, user_path
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.base.strict_yaml import read_yaml, write_yaml
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
@@ -45,7 +45,7 @@ class CalibrateHover(ProgramNode):
         if not output:
             raise FlatsatError("parameter output is empty: must be the path of a YAML file")
         self._output = user_path(output)
-        check_folder(self._output.parent)
+        check_writable(self._output)
         self._check_new()
         VehicleProfile.load(self._source)
         self.exit_code = 1

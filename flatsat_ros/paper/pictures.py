@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from flatsat_ros.base.files import replacing
 from flatsat_ros.certificate.gain_bounds import continuous_gain_bound
 from flatsat_ros.demo import pictures as demo_pictures
 from flatsat_ros.law.input_set import InputSet
@@ -48,7 +49,8 @@ def draw(runs: Runs, folder: Path) -> list[Path]:
         _computation_time(runs),
     )
     for name, figure in zip(_OWN, figures, strict=True):
-        figure.savefig(folder / name, dpi=130)
+        with replacing(folder / name) as file:
+            figure.savefig(file, dpi=130)
     demo_pictures.draw(runs.flight, folder / _SWAP)
     return [folder / name for name in FILES]
 

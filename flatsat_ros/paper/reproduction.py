@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from flatsat_ros.base.files import write_text
 from flatsat_ros.paper import claims, numbers
 from flatsat_ros.paper.runs import Runs
 from flatsat_ros.paper.table import Table
@@ -27,8 +28,12 @@ def compared(runs: Runs) -> Table:
 
 
 def write(table: Table, folder: Path) -> list[Path]:
-    """Write the table as `FILES` into a folder; return their paths."""
+    """Write the table as `FILES` into a folder; return their paths.
+
+    Raises:
+        FlatsatError: a file cannot be written.
+    """
     written = [folder / name for name in FILES]
     for path, text in zip(written, (table.markdown(), json.dumps(table.document(), indent=2) + "\n"), strict=True):
-        path.write_text(text, encoding="utf-8")
+        write_text(path, text)
     return written

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.files import replacing
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lyapunov import hold_growth
 from flatsat_ros.certificate.sampled_loop import Timing
@@ -42,11 +43,8 @@ def draw(certificate: Certificate, target: Path) -> None:
     _starts(axes[1, 0], certificate)
     _caps(axes[1, 1], certificate)
     _contraction(axes[1, 2], certificate)
-    try:
-        with mpl.rc_context({"svg.hashsalt": "flatsat_ros"}):
-            figure.savefig(target, dpi=120)
-    except (OSError, ValueError) as error:
-        raise FlatsatError(f"pictures {target}: {error}; file names end in .png, .pdf or .svg") from error
+    with replacing(target) as file, mpl.rc_context({"svg.hashsalt": "flatsat_ros"}):
+        figure.savefig(file, dpi=120)
 
 
 def _curves(sets: Sets) -> list[tuple[float, str, str]]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.base.files import check_folder, make_folder, read_text, user_path, write_text
+from flatsat_ros.base.files import check_writable, make_folder, read_text, replacing, user_path, write_text
 
 
 def refusal(path: Path | str, bytes_max: int = 100) -> str:
@@ -100,16 +100,39 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_folder_is_made_once_and_refused_where_nothing_can_be_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_is_made_once_and_refused_where_it_cannot_be(tmp_path: Path) -> None:
     assert make_folder(make_folder(tmp_path / "a" / "b")) == tmp_path / "a" / "b"
     write_text(tmp_path / "file", "")
     for path in (tmp_path / "file", tmp_path / "file" / "below", "/proc/nothing", "nul\0"):
         with pytest.raises(FlatsatError, match=r".*: cannot be written: ."):
             make_folder(path)
-    with pytest.raises(FlatsatError, match="must be a folder in which files can be made"):
-        check_folder(tmp_path / "missing")
-    monkeypatch.setattr(os, "access", lambda *arguments: False)  # root may write everywhere
-    with pytest.raises(FlatsatError, match="must be a folder in which files can be made"):
-        make_folder(tmp_path / "a")
+
+
+def test_what_cannot_be_written_is_known_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    check_writable(tmp_path / "file")
+    assert list(tmp_path.iterdir()) == []
+    write_text(tmp_path / "file", "")
+    check_writable(tmp_path / "file")
+    with pytest.raises(FlatsatError, match=r"missing/x: cannot be written: the folder .*missing does not exist"):
+        check_writable(tmp_path / "missing" / "x")
+    with pytest.raises(FlatsatError, match=r"cannot be written: it is a folder, must be a file"):
+        check_writable(tmp_path)
+    for forbidden in (tmp_path, tmp_path / "file"):  # root may write everywhere
+        monkeypatch.setattr(os, "access", lambda path, mode, forbidden=forbidden: Path(path) != forbidden)
+        with pytest.raises(FlatsatError, match="file: cannot be written: it is protected"):
+            check_writable(tmp_path / "file")
+
+
+def test_what_is_written_keeps_its_ending_and_an_error_of_the_writer(tmp_path: Path) -> None:
+    path = tmp_path / "picture.png"
+    with replacing(path) as file:
+        assert (file.parent, file.suffix) == (tmp_path, ".png")
+        file.write_bytes(b"new")
+    assert path.read_bytes() == b"new"
+    for error in (KeyboardInterrupt, FlatsatError):
+        with pytest.raises(error), replacing(path) as file:
+            raise error
+    with pytest.raises(FlatsatError, match=r"picture.png: cannot be written: no such format"), replacing(path):
+        raise ValueError("no such format")
+    assert path.read_bytes() == b"new"
+    assert list(tmp_path.iterdir()) == [path]

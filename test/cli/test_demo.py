@@ -73,10 +73,10 @@ def test_other_numbers_rates_and_dynamics_fly_too(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["--robots", "0"], "--robots 0: must be from 1 to 64"),
-        (["--seconds", "-1"], "--seconds -1.0: must lie in (0, 3600]"),
-        (["--seconds", "nan"], "--seconds nan"),
-        (["--rate", "0.2"], "--rate 0.2 Hz: must be from 1 to 500"),
+        (["--robots", "0"], "--robots = 0: must be from 1 to 64"),
+        (["--seconds", "-1"], "--seconds = -1.0 s: must be above 0 and at most 3600"),
+        (["--seconds", "nan"], "--seconds = nan s"),
+        (["--rate", "0.2"], "--rate = 0.2 Hz: must be from 1 to 500"),
     ],
 )
 def test_what_cannot_be_flown_is_refused_in_one_line(

@@ -71,7 +71,7 @@ def test_the_papers_certificates_are_written_and_not_overwritten_unasked(
     assert main(["--paper", "experiment", "--output-dir", str(tmp_path)]) == 0
     assert [file.name for file in tmp_path.iterdir()] == ["paper_experiment.yaml"]
     assert main(["--paper", "all", "--output-dir", str(tmp_path)]) == 2
-    assert "paper_experiment.yaml exists" in capsys.readouterr().err
+    assert "paper_experiment.yaml: cannot be written: it exists" in capsys.readouterr().err
     assert main(["--paper", "all", "--output-dir", str(tmp_path), "--force"]) == 0
     written = sorted(file.name for file in tmp_path.iterdir())
     assert written == ["paper_experiment.yaml", "paper_robust.yaml", "paper_simulation.yaml"]
@@ -173,30 +173,33 @@ def test_a_certificate_is_verified_and_a_wrong_one_refused(
         ([*PAPER_LIMITS, "--rate", "9", "--lag", "0.15", "--delay", "0.1"], "unstable at gain 1 already"),
         ([*PAPER_LIMITS, "--lag", "-0.1"], "lag (tau) = -0.1 s"),
         ([*PAPER_LIMITS, "--delay", "9"], "delay (d) = 9.0 s: must be at most 4 s, 40 periods"),
-        ([*PAPER_LIMITS, "--lag", "0.1", "--kappa", "1.5"], "--kappa 1.5: must lie in (0, 1]"),
-        ([*PAPER_LIMITS, "--gain-max", "0.5"], "--gain-max 0.5: must be at least 1"),
+        ([*PAPER_LIMITS, "--lag", "0.1", "--kappa", "1.5"], "--kappa = 1.5: must be above 0 and at most 1"),
+        ([*PAPER_LIMITS, "--gain-max", "0.5"], "--gain-max = 0.5: must be at least 1"),
         ([*PAPER_LIMITS, "--cover", "1,2"], "cover = [1.0, 2.0] m and m/s: must be 3 or 6 magnitudes"),
         ([*PAPER_LIMITS, "--cover", "1,-2,1"], "must be 3 or 6 magnitudes of at least 0"),
         ([*PAPER_LIMITS, "--cover", "1,far,1"], "invalid"),
         ([*PAPER_LIMITS, "--cover", "90000,1,1"], "no rate from 0.01 to 100 1/s covers these start errors"),
         ([*PAPER_LIMITS, "--cover", "2.4,2.4,1.6", "--rate", "1.25"], "errors need kappa = 0.4259, certified"),
-        ([*PAPER_LIMITS, "--drift", "1,1,1"], "--drift 1.0,1.0,1.0: must be one number, or two as H,V"),
+        ([*PAPER_LIMITS, "--drift", "1,1,1"], "--drift = [1.0, 1.0, 1.0]: must be one number, or two as H,V"),
         ([*PAPER_LIMITS, "--push", "0.9"], "push on x and y = 0.9 m/s^2: must be at most 0.576589 m/s^2"),
         ([*PAPER_LIMITS, "--push", "0.1", "--lag", "0.1"], "certified for the plain hold; drop --lag"),
         (["--vehicle", "cf21", "--push", "0.1"], "cf21 has a lag of 0.140465 s and a delay of 0.002 s: give"),
         ([*PAPER_LIMITS, "--kappa", "0.7"], "--kappa goes with --lag, --delay or --vehicle"),
         ([*PAPER_LIMITS, "--force"], "--force overwrites files; without --output and --plot none is written"),
-        ([*PAPER_LIMITS, "--plot", "page.gif"], "--plot page.gif: must end in .png, .pdf, .svg"),
+        (
+            [*PAPER_LIMITS, "--plot", "page.gif"],
+            "--plot = 'page.gif': must be a file whose name ends in .png, .pdf, .svg",
+        ),
         ([*PAPER_LIMITS, "--plot", "missing/x.png"], "the folder missing does not exist"),
-        ([*PAPER_LIMITS, "--plot", "taken.yaml"], "taken.yaml exists: give --force"),
+        ([*PAPER_LIMITS, "--plot", "taken.yaml"], "taken.yaml: cannot be written: it exists: give --force"),
         (["--verify", "taken.yaml"], "must be a mapping"),
         (["--verify", "missing.yaml"], "cannot be read"),
         ([*PAPER_LIMITS, "--period", "0"], "period (h) = 0.0"),
-        (["--vehicle", "cf21", "--thrust-max-g", "1.6"], "more than cf21 lifts: must be at most 15.1538"),
+        (["--vehicle", "cf21", "--thrust-max-g", "1.6"], "must be at most 15.1538 m/s^2 (1.545 g), what cf21 lifts"),
         (["--vehicle", "zeppelin"], "no packaged configuration 'zeppelin'"),
         (["--vehicle", "missing/zeppelin.yaml"], "there is no file"),
         ([*PAPER_LIMITS, "--output", "missing/x.yaml"], "the folder missing does not exist"),
-        ([*PAPER_LIMITS, "--output", "taken.yaml"], "taken.yaml exists: give --force"),
+        ([*PAPER_LIMITS, "--output", "taken.yaml"], "taken.yaml: cannot be written: it exists: give --force"),
         ([*PAPER_LIMITS, "--output-dir", "."], "--output-dir goes with --paper"),
         (["--paper", "all", "--rate", "1.0", "--vehicle", "cf21"], "--rate, --vehicle"),
         (["--paper", "hardware"], "invalid choice"),

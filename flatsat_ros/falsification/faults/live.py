@@ -13,6 +13,7 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError, one_line
+from flatsat_ros.base.files import make_folder
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.demo.live import SLICE, Live
 from flatsat_ros.demo.processes import command_of, end, start
@@ -47,7 +48,7 @@ def _fly(fault: LiveFault, logs: Path) -> Row:
     from flatsat_ros.nodes.conductor import conducting
     from flatsat_ros.nodes.fault_lab import FaultLab
 
-    logs.mkdir(parents=True, exist_ok=True)
+    make_folder(logs)
     namespace = f"/faults/{fault.name}"
     nodes: dict[str, subprocess.Popen[bytes]] = {}
     with conducting(ROBOTS, namespace, FaultLab) as lab:

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.base.files import read_text, write_text
+from flatsat_ros.base.errors import one_line
+from flatsat_ros.base.files import located, read_text, write_text
 from flatsat_ros.falsification.faults.criteria import Outcome, Remark, broken
 from flatsat_ros.falsification.faults.fault import Fault
 from flatsat_ros.falsification.faults.phases import PLANS, STANDING, Phase
@@ -206,8 +206,9 @@ def load(path: Path) -> list[Row]:
     Raises:
         FlatsatError: the file cannot be read or holds something else.
     """
+    text = read_text(path, _BYTES_MAX)
     try:
-        entries: list[dict[str, Any]] = json.loads(read_text(path, _BYTES_MAX))["rows"]
+        entries: list[dict[str, Any]] = json.loads(text)["rows"]
         return [Row(**entry) for entry in entries]
-    except (ValueError, TypeError, KeyError) as error:
-        raise FlatsatError(f"{path}: must be a table that faults wrote: {error}") from error
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        raise located(path, f"must be a table that faults wrote: {one_line(str(error))}") from error
