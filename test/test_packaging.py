@@ -93,10 +93,18 @@ def test_a_path_of_the_users_is_taken_as_it_is(tmp_path: Path, monkeypatch: pyte
     assert config_path("~/cf21.yaml") == own
 
 
-@pytest.mark.parametrize("name", ["paper_experimnt", "paper_experimnt.yaml", "./paper_experimnt", "", "vehicles"])
-def test_a_missing_configuration_is_refused_with_the_names_that_exist(name: str) -> None:
-    with pytest.raises(FlatsatError, match=r"there is no .*paper_experiment, .*paper_simulation"):
+@pytest.mark.parametrize(
+    "name",
+    [
+        "paper_experimnt", "paper_experimnt.yaml", "./paper_experimnt", "", "vehicles", "..", "~nobody_here/x.yaml",
+        "x" * 5000, "./" + "x" * 5000, "nul\0", "./nul\0", "two\nlines.yaml", "/dev/null/x.yaml", "/dev/zero", "/",
+    ],
+)  # fmt: skip
+def test_a_missing_configuration_is_refused_in_one_line_with_the_names_that_exist(name: str) -> None:
+    with pytest.raises(FlatsatError, match=r"there is no .*paper_experiment, .*paper_simulation") as refused:
         config_path(name)
+    assert str(refused.value).isprintable()
+    assert len(str(refused.value)) < 900
 
 
 def test_versions_agree(root: Path) -> None:
