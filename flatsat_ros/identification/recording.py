@@ -20,7 +20,7 @@ from flatsat_ros.base.files import located, read_text, unreadable
 COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 
 CSV_BYTES = 16 * 1024 * 1024  # half an hour at 100 Hz
-POSES = 500_000  # lines of a file, poses of a bag
+POSES = 200_000  # lines of a file, poses of a bag: half an hour at 100 Hz
 SPAN = 1e5  # s, more than a day, between the first stamp and any other: played slowly, later ones have no ROS time
 
 _NUMERALS = set("0123456789+-.eE")

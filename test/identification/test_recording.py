@@ -119,7 +119,7 @@ def test_a_damaged_recording_gives_finite_stamps_or_is_refused_in_one_line(
 
 def test_more_lines_than_are_read_are_refused(file: Path) -> None:
     file.write_text(HEADER + "\n" + "\n" * POSES, encoding="utf-8")
-    with pytest.raises(FlatsatError, match=r"cannot be read: it has more than 500000 lines"):
+    with pytest.raises(FlatsatError, match=r"cannot be read: it has more than 200000 lines"):
         read_csv(file)
 
 
