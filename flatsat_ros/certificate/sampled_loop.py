@@ -133,6 +133,19 @@ class Timing:
         step = self.closed_loop(block, gain)
         return largest_relative_eigenvalue(step.T @ matrix @ step, matrix)
 
+    def advance(self, z: FloatArray, command: FloatArray) -> FloatArray:
+        """Return the state one period later, all three axes.
+
+        Args:
+            z: (N, n, 3) position m, velocity m/s, achieved acceleration (if there is a lag) and past commands, m/s^2.
+            command: (N, 3) v, m/s^2, given at the beginning of the period.
+
+        Returns:
+            (N, n, 3).
+        """
+        F, G = self.transition
+        return np.asarray(F @ z + G * command[:, np.newaxis])
+
     def follow(self, rest: ArrayLike, command: ArrayLike) -> FloatArray:
         """Return what z holds beyond position and velocity, one period later.
 

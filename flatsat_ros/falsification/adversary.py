@@ -13,6 +13,7 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
+from flatsat_ros.falsification.loops import disturbance_matrix, unit, worst_disturbance
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.law.input_set import InputSet
 
@@ -161,34 +162,28 @@ class Disturbance:
 
     def __init__(self, random: np.random.Generator, proven: Certificate, count: int, period: float) -> None:
         """Draw a course for each run; what w does to the state in a period follows from E and the period, s."""
-        drift, push = (np.zeros(2), np.zeros(2)) if proven.robust is None else (proven.robust.drift, proven.robust.push)
-        e, m = np.diag(drift[[0, 0, 1]]), np.diag(push[[0, 0, 1]])
-        self.matrix = np.block([[e, 0.0 * e], [0.0 * e, m]])  # E
+        self.matrix = np.zeros((6, 6)) if proven.robust is None else disturbance_matrix(proven.robust)  # E
+        e, m = self.matrix[:3, :3], self.matrix[3:, 3:]
         self.gathered = np.block([[period * e, period**2 / 2.0 * m], [0.0 * e, period * m]])
         self._random = random
         self._course = random.integers(5, size=count)
-        self._constant = _unit(random.standard_normal((count, 6)))
+        self._constant = unit(random.standard_normal((count, 6)))
         parts = np.array([(1.0, 1.0, 1.0), (1.0, 1.0, 0.0), (0.0, 0.0, 1.0)])[random.integers(3, size=count)]
         self._metric = proven.matrix * np.tile(parts, 2)[:, np.newaxis]
 
     def choose(self, undisturbed: FloatArray) -> FloatArray:
         """Return w (N, 6), given where the errors xi (N, 6) would be one period on without it."""
-        w = _unit(self._random.standard_normal(undisturbed.shape))
+        w = unit(self._random.standard_normal(undisturbed.shape))
         worst = w
         for _ in range(3):  # V grows most for w along G'P xi, which depends on w
             xi = undisturbed + worst @ self.gathered.T
-            worst = _unit(np.einsum("ni,nij->nj", xi, self._metric) @ self.gathered)
+            worst = worst_disturbance(np.einsum("ni,nij->nj", xi, self._metric), self.gathered)
         course = self._course[:, np.newaxis]
         return np.where(course == 0, self._constant, np.where(course == 1, w, worst))
 
 
-def _unit(w: FloatArray) -> FloatArray:
-    length = np.linalg.norm(w, axis=-1, keepdims=True)
-    return np.asarray(w / np.where(length > 0.0, length, 1.0))
-
-
 @dataclass(frozen=True, eq=False)
-class References:
+class SwingingReferences:
     """N references whose acceleration swings between two points of the input set.
 
     Attributes:
@@ -202,7 +197,7 @@ class References:
     phase: FloatArray
 
     @classmethod
-    def draw(cls, random: np.random.Generator, proven: Certificate, margin: FloatArray) -> References:
+    def draw(cls, random: np.random.Generator, proven: Certificate, margin: FloatArray) -> SwingingReferences:
         """Draw references that keep their accelerations as far from the boundary as `margin` (N,), m/s^2, says."""
         count, bounds = len(margin), proven.limits
         ends = []

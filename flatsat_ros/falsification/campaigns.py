@@ -19,8 +19,9 @@ from flatsat_ros.certificate.gain_bounds import sampled_gain_bound
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.certificate.sets import Membership, Place
 from flatsat_ros.falsification import adversary
-from flatsat_ros.falsification.adversary import Course, Disturbance, Gains, References
+from flatsat_ros.falsification.adversary import Course, Disturbance, Gains, SwingingReferences
 from flatsat_ros.falsification.claims import Ledger, Levels, Violation
+from flatsat_ros.falsification.loops import runge_kutta
 from flatsat_ros.law.controller import Controller, Memory, Output
 from flatsat_ros.law.gain import Tuning
 
@@ -117,9 +118,9 @@ class _Sampled(_Loop):
     def __init__(self, random: np.random.Generator, ledger: Ledger) -> None:
         super().__init__(random, ledger)
         proven, timing = self._proven, self._proven.timing
-        self._steps = [_expand(timing)]
+        self._timings = [timing]
         if timing.immediate and proven.robust is None:
-            self._steps += [_expand(Timing(proven.period * share)) for share in random.uniform(0.02, 0.98, 2)]
+            self._timings += [Timing(proven.period * share) for share in random.uniform(0.02, 0.98, 2)]
         self._tuning = adversary.tuning(random, proven)
         self._controller = Controller(proven, self._tuning)
         self._disturbance = Disturbance(random, proven, RUNS, proven.period)
@@ -146,10 +147,10 @@ class _Sampled(_Loop):
                 gamma=gamma, k=output.applied_gain, u=output.input, v=output.acceleration, xi=output.error,
             )  # fmt: skip
             floor = 0.0 if proven.robust is None else proven.robust.floor
-            for step in self._steps[1:]:
-                passed = _move(step, self._z, output.acceleration)
+            for shorter in self._timings[1:]:
+                passed = _advance(shorter, self._z, output.acceleration)
                 ledger.levels("between samples", levels, sets.levels(passed), floor)
-            self._z = _move(self._steps[0], self._z, output.acceleration)
+            self._z = _advance(proven.timing, self._z, output.acceleration)
             w = self._disturbance.choose(self._z[:, :6])
             self._z[:, :6] += w @ self._disturbance.gathered.T
 
@@ -165,7 +166,7 @@ class _Sampled(_Loop):
 
     def _after(self, rows: np.ndarray, gamma: FloatArray) -> Levels:
         """Return where some gains would bring some runs."""
-        return self._sets.levels(_move(self._steps[0], self._z[rows], self._answer(rows, gamma)[1].acceleration))
+        return self._sets.levels(_advance(self._timings[0], self._z[rows], self._answer(rows, gamma)[1].acceleration))
 
     def _gain_bound(self, levels: Levels) -> FloatArray:
         """Return what gamma (N,) stays below: gain_max, or what is proved of the law where k >= 1."""
@@ -199,7 +200,7 @@ class _Continuous(_Loop):
             # inside { V <= m^2/alpha }, the set of a margin m, on its boundary, and beyond, where k >= kappa > 1/2
             size = random.choice([0.5, 1.0 - 1e-9, 1.9], RUNS) * margin / radius
             xi *= (size / self._sets.scale_ellipsoid(xi))[:, np.newaxis]
-        self._references = References.draw(random, proven, margin)
+        self._references = SwingingReferences.draw(random, proven, margin)
         self._xi = xi
 
     def fly(self) -> None:
@@ -235,17 +236,13 @@ class _Continuous(_Loop):
 
     def _integrate(self, rows: np.ndarray, gamma: FloatArray, w: FloatArray) -> FloatArray:
         """Return the errors of some runs a step later, under a constant gain and disturbance."""
-        start, dt, shake = self._xi[rows], self._dt, w @ self._disturbance.matrix
+        shake = w @ self._disturbance.matrix
 
         def slope(part: int, xi: FloatArray) -> FloatArray:
             v = self._answer(rows, gamma, part, xi).acceleration - self._stages[part][rows, 6:]
             return np.asarray(np.concatenate([xi[:, 3:], v], axis=1) + shake)
 
-        first = slope(0, start)
-        second = slope(1, start + dt / 2.0 * first)
-        third = slope(1, start + dt / 2.0 * second)
-        last = slope(2, start + dt * third)
-        return np.asarray(start + dt / 6.0 * (first + 2.0 * second + 2.0 * third + last))
+        return runge_kutta(slope, self._xi[rows], self._dt)
 
     def _after(self, rows: np.ndarray, gamma: FloatArray) -> Levels:
         """Return where some gains would bring some runs."""
@@ -267,12 +264,6 @@ class _Continuous(_Loop):
         self._ledger.claim("V' <= alpha (w'w - (2 kappa - 1) V)", growth / scale)
 
 
-def _expand(timing: Timing) -> tuple[FloatArray, FloatArray]:
-    """Return F' and G' of the three axes, for states that are rows."""
-    F, G = timing.transition
-    return np.asarray(np.kron(F, np.eye(3)).T), np.asarray(np.kron(G, np.eye(3)).T)
-
-
-def _move(step: tuple[FloatArray, FloatArray], z: FloatArray, command: FloatArray) -> FloatArray:
+def _advance(timing: Timing, z: FloatArray, command: FloatArray) -> FloatArray:
     """Return the states (N, 3 n) a period on."""
-    return np.asarray(z @ step[0] + command @ step[1])
+    return timing.advance(z.reshape(len(z), timing.size, 3), command).reshape(z.shape)

@@ -79,7 +79,7 @@ class InputSet:
         """
         return np.asarray(self.gauge(v) <= 1.0 + tolerance)
 
-    def gauge(self, v: ArrayLike, erosion: float = 0.0) -> FloatArray:
+    def gauge(self, v: ArrayLike) -> FloatArray:
         """Return the gauge psi(v) = min { t >= 0 : v in t V_c }.
 
         It is at most 1 exactly on V_c, positively homogeneous and convex. Relative error a few units in the last
@@ -87,31 +87,24 @@ class InputSet:
 
         Args:
             v: (..., 3) acceleration, m/s^2, world frame.
-            erosion: m/s^2, at least 0 and below inner_radius: instead of V_c take { v : margin(v) >= erosion }, which
-                is V_c without a ball (Pontryagin difference). Each face moves in by as much.
 
         Returns:
             (...) dimensionless.
 
         Raises:
-            FlatsatError: the shape is wrong, an entry is not finite (NaN and infinity have no direction), or the
-                erosion leaves nothing over.
+            FlatsatError: the shape is wrong, or an entry is not finite (NaN and infinity have no direction).
         """
-        if not 0.0 <= erosion < self.inner_radius:
-            raise refusal(
-                "erosion", erosion, "m/s^2", f"from 0 to below the inner radius, {self.inner_radius:.6g} m/s^2"
-            )
-        return self.gauge_of_finite(finite_array("v", v, 3), erosion)
+        return self.gauge_of_finite(finite_array("v", v, 3))
 
-    def gauge_of_finite(self, v: FloatArray, erosion: float = 0.0) -> FloatArray:
+    def gauge_of_finite(self, v: FloatArray) -> FloatArray:
         """Return `gauge` of an array that is known to be finite and (..., 3)."""
         g, sin = self.gravity, math.sin(self.tilt_max)
         scale, v1, v2, v3 = _scaled(v)
         horizontal = np.hypot(v1, v2)
-        cone = (horizontal * math.cos(self.tilt_max) - v3 * sin) / (g * sin - erosion)
-        plane = v3 / (self.thrust_min + erosion - g)
+        cone = (horizontal * math.cos(self.tilt_max) - v3 * sin) / (g * sin)
+        plane = v3 / (self.thrust_min - g)
         square = horizontal * horizontal + v3 * v3
-        room = (self.thrust_max - erosion - g) * (self.thrust_max - erosion + g)
+        room = (self.thrust_max - g) * (self.thrust_max + g)
         root = g * np.abs(v3) + np.sqrt(g * g * v3 * v3 + square * room)
         # the branch without cancellation: root / room going up, square / root going down
         sphere = np.where(v3 >= 0.0, root / room, square / np.where(root > 0.0, root, 1.0))

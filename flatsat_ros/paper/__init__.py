@@ -6,12 +6,12 @@ from flatsat_ros._lazy import lazy_names
 
 if TYPE_CHECKING:
     from flatsat_ros.paper.runs import Runs, run_all
-    from flatsat_ros.paper.table import Row, Table
+    from flatsat_ros.paper.table import Comparison, Table
 else:
     __getattr__, __dir__ = lazy_names(
         __name__,
         {
-            "Row": "table",
+            "Comparison": "table",
             "Runs": "runs",
             "Table": "table",
             "run_all": "runs",
@@ -19,7 +19,7 @@ else:
     )
 
 __all__ = [
-    "Row",
+    "Comparison",
     "Runs",
     "Table",
     "run_all",

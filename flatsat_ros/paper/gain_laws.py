@@ -19,6 +19,7 @@ from flatsat_ros.flight.supervisor import Policy
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.controller import Controller
 from flatsat_ros.law.gain import Tuning
+from flatsat_ros.paper.studies import run_sampled
 from flatsat_ros.sim.closed_loop import fly
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.sensor import MotionCapture, Sample
@@ -89,15 +90,8 @@ def _disturbed(certificate: Certificate) -> tuple[FloatArray, FloatArray]:
     """
     tuning = Tuning(MU, V_INF, 1.0, certificate.gain_max, [0.0, LEAK], False)
     law, drift = Controller(certificate, tuning), 2.0 * math.sqrt(V_INF / certificate.rate)
-    transition, drive = Timing(certificate.period).transition
-    memory, state, gains = law.start(), np.zeros((2, 2, 3)), []
-    times = certificate.period * np.arange(round(_DISTURBED_SECONDS / certificate.period), dtype=np.float64)
-    for _ in times:
-        memory, output = law.step(memory, state.reshape(2, 6), np.zeros(2), np.zeros((2, 9)))
-        gains.append(output.gain)
-        state = np.einsum("ij,njk->nik", transition, state) + drive * output.acceleration[:, np.newaxis]
-        state[:, 0, 0] += certificate.period * drift
-    return times, np.array(gains)
+    history = run_sampled(law, np.zeros((2, 6)), _DISTURBED_SECONDS, Timing(certificate.period), (drift, 0.0, 0.0))
+    return history.time, history.gain
 
 
 def draw_gain_laws(runs: GainRuns) -> Figure:

@@ -56,7 +56,7 @@ TROUBLES = (
 TOO_MUCH = (Trouble("10 % of thrust missing", 0.9, 0.0), Trouble("15 % too much thrust", 1.15, 0.0))
 
 
-class Outcome(NamedTuple):
+class SwapErrors(NamedTuple):
     """One flight of three drones; the worst of them."""
 
     hover: float  # m, mean distance from the goal before the swap
@@ -64,7 +64,7 @@ class Outcome(NamedTuple):
     within: bool  # whether every command kept the limits
 
 
-def swap(vehicle: str, trouble: Trouble, policy: Policy) -> Outcome:
+def swap(vehicle: str, trouble: Trouble, policy: Policy) -> SwapErrors:
     """Let three drones take off, hover and swap places three times.
 
     Args:
@@ -105,4 +105,4 @@ def swap(vehicle: str, trouble: Trouble, policy: Policy) -> Outcome:
         pilot.set_reference(i, spline_through(legs, LEG).shifted(now))
     fly(pilot, fleet, profile, now + len(PLACES) * LEG, observe, start=now)
     swapped = np.sqrt(np.mean(np.square(errors), axis=0))
-    return Outcome(float(hovered.max()), float(swapped.max()), within)
+    return SwapErrors(float(hovered.max()), float(swapped.max()), within)

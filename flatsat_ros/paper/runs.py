@@ -17,6 +17,7 @@ from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.demo import headless as demo_headless
 from flatsat_ros.demo import scenario as demo_scenario
 from flatsat_ros.demo.record import FlightRecord
+from flatsat_ros.falsification.loops import disturbance_matrix, worst_disturbance
 from flatsat_ros.law.controller import Controller
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.paper.gain_laws import GainRuns, run_gain_laws
@@ -164,18 +165,13 @@ def run_campaign(certificate: Certificate, gain: float, runs: int, seed: int = 0
     If that one cannot push the state over the boundary, no admissible disturbance can.
     """
     assert certificate.robust is not None
-    drift = certificate.robust.drift[[0, 0, 1]]  # diagonal of E for the positions; there is no push
+    matrix = disturbance_matrix(certificate.robust)
     step, seconds = _CAMPAIGN[gain]
     directions = np.random.default_rng(seed).normal(size=(runs, 6))
     start = on_boundary(certificate.matrix, 1.0, directions)
 
     def adversary(t: float, gradient: FloatArray) -> FloatArray:
-        # w = E'P xi / |E'P xi| maximises V' = ... + 2 xi'P E w over |w| <= 1
-        lever = gradient[:, :3] * drift
-        length = np.linalg.norm(lever, axis=1, keepdims=True)
-        push = np.zeros_like(gradient)
-        push[:, :3] = drift * lever / np.where(length > 0.0, length, 1.0)
-        return push
+        return worst_disturbance(gradient, matrix) @ matrix
 
     largest, steps = 0.0, round(seconds / step)
     with tqdm(

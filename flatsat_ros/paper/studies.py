@@ -10,6 +10,7 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.sampled_loop import Timing
+from flatsat_ros.falsification.loops import runge_kutta
 from flatsat_ros.law.controller import Controller, Memory, Output
 from flatsat_ros.law.gain import adapt
 
@@ -92,23 +93,28 @@ def advance(
     """Return the state (N, 7) one Runge-Kutta step later, and the output at its beginning."""
     yaw, reference = np.zeros(len(y)), np.zeros((len(y), 9))
 
-    def flow(t: float, y: FloatArray) -> tuple[FloatArray, Output]:
+    outputs = []
+
+    def slope(part: int, y: FloatArray) -> FloatArray:
         _, output = law.step(Memory(y[:, 6]), y[:, :6], yaw, reference)
         # what forward Euler adds in one second is the slope of the continuous law
         growth = adapt(y[:, 6], output.lyapunov, law.tuning, 1.0) - y[:, 6]
-        slope = np.hstack([y[:, 3:6], output.acceleration, growth[:, np.newaxis]])
+        outputs.append(output)
+        flow = np.hstack([y[:, 3:6], output.acceleration, growth[:, np.newaxis]])
         if disturbance is not None:
-            slope[:, :6] += disturbance(t, y[:, :6] @ law.certificate.matrix)
-        return slope, output
+            flow[:, :6] += disturbance(t + part * step / 2.0, y[:, :6] @ law.certificate.matrix)
+        return flow
 
-    k1, output = flow(t, y)
-    k2, _ = flow(t + step / 2.0, y + step / 2.0 * k1)
-    k3, _ = flow(t + step / 2.0, y + step / 2.0 * k2)
-    k4, _ = flow(t + step, y + step * k3)
-    return y + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4), output
+    return runge_kutta(slope, y, step), outputs[0]
 
 
-def run_sampled(law: Controller, start: FloatArray, seconds: float, timing: Timing) -> History:
+def run_sampled(
+    law: Controller,
+    start: FloatArray,
+    seconds: float,
+    timing: Timing,
+    drift: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> History:
     """Fly the sampled law on a double integrator behind a lag and a delay, discretised exactly.
 
     Args:
@@ -116,8 +122,8 @@ def run_sampled(law: Controller, start: FloatArray, seconds: float, timing: Timi
         start: (N, 6) xi(0), hovering.
         seconds: how long.
         timing: of the loop; its period is the law's.
+        drift: of the position, m/s, in each period.
     """
-    transition, drive = timing.transition
     state = np.zeros((len(start), timing.size, 3))
     state[:, :2] = start.reshape(-1, 2, 3)
     memory, outputs = law.start(), []
@@ -126,7 +132,8 @@ def run_sampled(law: Controller, start: FloatArray, seconds: float, timing: Timi
         error = state[:, :2].reshape(-1, 6)
         memory, output = law.step(memory, error, np.zeros(len(start)), np.zeros((len(start), 9)))
         outputs.append(output)
-        state = np.einsum("ij,njk->nik", transition, state) + drive * output.acceleration[:, np.newaxis]
+        state = timing.advance(state, output.acceleration)
+        state[:, 0] += timing.period * np.array(drift)
     return History.of(times, outputs)
 
 

@@ -13,7 +13,7 @@ _ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
-class Row:
+class Comparison:
     """One printed number, or one claim, and what became of it.
 
     Attributes:
@@ -51,7 +51,7 @@ class Table:
     """
 
     def __init__(self) -> None:
-        self.rows: list[Row] = []
+        self.rows: list[Comparison] = []
         self._place = ""
 
     def at(self, place: str) -> None:
@@ -90,7 +90,7 @@ class Table:
             recomputed = ", ".join(f"{entry:.7g}" for entry in values)
         if undetermined and verdict == "wrong":
             verdict = "ambiguous"
-        self.rows.append(Row(self._place, quantity, printed, recomputed, verdict, reason))
+        self.rows.append(Comparison(self._place, quantity, printed, recomputed, verdict, reason))
 
     def claim(self, quantity: str, printed: str, holds: bool, recomputed: str, reason: str) -> None:
         """Judge a statement: exact if it holds, wrong if not.
@@ -102,7 +102,7 @@ class Table:
             recomputed: what that was decided on.
             reason: why, in one line.
         """
-        self.rows.append(Row(self._place, quantity, printed, recomputed, "exact" if holds else "wrong", reason))
+        self.rows.append(Comparison(self._place, quantity, printed, recomputed, "exact" if holds else "wrong", reason))
 
     def document(self) -> dict[str, Any]:
         """Return the table as the content of the JSON file."""

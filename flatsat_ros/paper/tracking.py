@@ -1,9 +1,9 @@
-"""Three constant saturation factors for tracking, to compare the law's own with.
+"""Two constant saturation factors for tracking, to compare the law's own with.
 
 The error dynamics allow v~ = v - v_ref in V_c - V_ref (Pontryagin difference) when all that is known of the reference
 is a set V_ref it stays in. The controller knows v_ref(t) and uses the exit factor from it, which is never smaller than
-any of these. All of them keep v_ref + lambda v in V_c; in rising order: the paper's polytope (its eq. 44), the exact
-factors of a ball or of a hull of vertices, the exit factor from v_ref(t).
+either of these. All keep v_ref + lambda v in V_c; in rising order: the paper's polytope (its eq. 44), the exact factor
+of a hull of vertices, the exit factor from v_ref(t).
 """
 
 from __future__ import annotations
@@ -37,24 +37,6 @@ def hull_factor(limits: InputSet, vertices: ArrayLike, v: ArrayLike) -> FloatArr
     """
     v = finite_array("v", v, 3)
     return np.asarray(limits.exit_factor(finite_array("vertices", vertices, 3), v[..., np.newaxis, :]).min(axis=-1))
-
-
-def ball_factor(limits: InputSet, radius: float, v: ArrayLike) -> FloatArray:
-    """Return the largest lambda with lambda v in V_c - {|v_ref| <= radius}, exactly.
-
-    Args:
-        limits: V_c.
-        radius: bound of the reference's acceleration, m/s^2, at least 0 and below limits.inner_radius.
-        v: (..., 3) direction, m/s^2.
-
-    Returns:
-        (...) above 0.
-
-    Raises:
-        FlatsatError: the radius leaves nothing over, or v is not (..., 3) finite numbers.
-    """
-    with np.errstate(divide="ignore"):
-        return np.asarray(1.0 / limits.gauge(v, erosion=radius))
 
 
 @dataclass(frozen=True, eq=False)

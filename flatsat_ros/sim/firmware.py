@@ -4,7 +4,8 @@ A restatement of bitcraze/crazyflie-firmware, release 2026.08; the file and func
 The caller gives the time, in integer milliseconds as the firmware's own ticks; no clock is read.
 
 Not modelled: deck faults, motor speed checks (bidirectional DSHOT only), the emergency stop watchdog, crash detection
-by acceleration (off by default), flightmode parameters other than stabModeYaw, bits 8 to 11 of supervisor.info.
+by acceleration (off by default), recovery from a crash without a reboot, flightmode parameters other than stabModeYaw,
+bits 8 to 11 of supervisor.info.
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ class Conditions:
         silent: the last set-point is so old that the drone levels out.
         link_lost: the last set-point is so old that the motors stop.
         emergency: an emergency stop was requested.
-        crashed: it tumbled in flight, and nobody has asked for recovery.
+        crashed: it tumbled in flight and has not been rebooted since.
         preflight_over: ready to fly for too long without flying.
         landing_over: landed for too long without flying.
     """
@@ -281,13 +282,6 @@ class Firmware:
     def request_emergency(self, index: int) -> None:
         """Stop until reboot: crtp_supervisor.c handleSupervisorCommand, CMD_EMERGENCY_STOP."""
         self.emergency[index] = True
-
-    def request_recovery(self, index: int) -> bool:
-        """Leave the crashed state; False while still tumbled: supervisor.c supervisorRequestCrashRecovery."""
-        if self.crashed[index] and self.tumbled[index]:
-            return False
-        self.crashed[index] = False
-        return True
 
     def supervise(self, now: int, specific_force: FloatArray, ratio: FloatArray, voltage: FloatArray) -> None:
         """Run the supervisor once, every SUPERVISOR_PERIOD: supervisor.c supervisorUpdate.

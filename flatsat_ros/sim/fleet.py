@@ -49,7 +49,7 @@ class SimulatedFleet:
     Attributes:
         count: N.
         yaw_mode: what the yaw of a set-point means.
-        firmware: supervisor states, flags, `info()`; arming, emergency and recovery requests.
+        firmware: supervisor states, flags, `info()`; arming and emergency requests.
         bodies: the true state.
         power: battery voltages.
         wind: may be changed between two steps.

@@ -16,7 +16,7 @@ from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.falsification import adversary
-from flatsat_ros.falsification.adversary import References
+from flatsat_ros.falsification.adversary import SwingingReferences
 from flatsat_ros.falsification.campaigns import CAMPAIGNS, RUNS, STEPS, Outcome, Pool, run
 from flatsat_ros.falsification.claims import ROUNDING
 from flatsat_ros.law.input_set import InputSet
@@ -161,5 +161,5 @@ def test_references_keep_their_margin(seed: int, time: float) -> None:
     random = np.random.default_rng(seed)
     proven = adversary.certificate(random)
     margin = proven.limits.inner_radius * random.random(RUNS)
-    reference = References.draw(random, proven, margin).at(time)
+    reference = SwingingReferences.draw(random, proven, margin).at(time)
     assert (proven.limits.margin(reference[:, 6:]) >= margin - 1e-12 * proven.limits.thrust_max).all()

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.law.input_set import InputSet
-from flatsat_ros.paper.tracking import ball_factor, hull_factor, inner_polytope
+from flatsat_ros.paper.tracking import hull_factor, inner_polytope
 
 LIMITS = InputSet(1.45 * GRAVITY, np.radians(10.0))
 COORDINATE = st.floats(-100.0, 100.0).filter(lambda x: abs(x) > 1e-6)
@@ -40,26 +40,9 @@ def test_polytope_hull_and_exit_factor_are_ordered_and_keep_the_limits(v: np.nda
         assert LIMITS.contains(base + factor * v, tolerance=1e-9)
 
 
-@given(v=DIRECTION, direction=DIRECTION, radius=st.floats(0.0, 1.6))
-def test_the_ball_factor_is_below_the_exit_factor_from_every_point_of_the_ball(
-    v: np.ndarray, direction: np.ndarray, radius: float
-) -> None:
-    base = radius * direction / np.linalg.norm(direction)
-    factor = ball_factor(LIMITS, radius, v)
-    assert factor <= LIMITS.exit_factor(base, v) * (1.0 + 1e-9)
-    assert LIMITS.contains(base + factor * v, tolerance=1e-9)
-
-
-@given(v=DIRECTION, radius=st.floats(0.0, 1.6))
-def test_the_ball_factor_leaves_exactly_the_radius_as_margin(v: np.ndarray, radius: float) -> None:
-    assert LIMITS.margin(ball_factor(LIMITS, radius, v) * v) == pytest.approx(radius, abs=1e-8)
-
-
 @given(v=DIRECTION)
-def test_without_a_reference_all_are_the_reciprocal_gauge(v: np.ndarray) -> None:
-    expected = 1.0 / LIMITS.gauge(v)
-    assert ball_factor(LIMITS, 0.0, v) == pytest.approx(expected, rel=1e-9)
-    assert hull_factor(LIMITS, np.zeros((1, 3)), v) == pytest.approx(expected, rel=1e-12)
+def test_without_a_reference_the_hull_factor_is_the_reciprocal_gauge(v: np.ndarray) -> None:
+    assert hull_factor(LIMITS, np.zeros((1, 3)), v) == pytest.approx(1.0 / LIMITS.gauge(v), rel=1e-12)
 
 
 def test_the_polytope_fills_the_set_as_its_sides_grow() -> None:
@@ -82,8 +65,6 @@ def test_the_polytope_lies_inside_the_set(v: np.ndarray, tilt: float, thrust: fl
 
 
 def test_what_leaves_nothing_over_is_refused() -> None:
-    with pytest.raises(FlatsatError, match="erosion"):
-        ball_factor(LIMITS, LIMITS.inner_radius, [1.0, 0.0, 0.0])
     with pytest.raises(FlatsatError, match="sides = 2: must be at least 3"):
         inner_polytope(LIMITS, 2)
     with pytest.raises(FlatsatError, match="must be above 0"):

@@ -264,16 +264,15 @@ def test_upside_down_on_the_floor_stops_the_motors() -> None:
     assert fleet.power.ratio[0] == 0.0
 
 
-def test_a_crashed_drone_flies_again_only_upright_and_after_recovery() -> None:
-    """supervisor.c supervisorRequestCrashRecovery; supervisor_state_machine.c transitionsTumbled."""
+def test_a_crashed_drone_flies_again_only_after_a_reboot() -> None:
+    """supervisor_state_machine.c transitionsCrashed: only a recovery, which nobody asks for here, leads out."""
     fleet = flying(0.05)
     stream(fleet, 0.3, HOVER, roll=180.0)
-    assert not fleet.firmware.request_recovery(0)
     fleet.bodies.set_upright(0)
     stream(fleet, 1.0, 0.0)
     stream(fleet, 1.0, TAKE_OFF)
     assert not took_off(fleet)
-    assert fleet.firmware.request_recovery(0)
+    fleet.reboot(0)
     stream(fleet, BOOT, 0.0)
     stream(fleet, 0.5, TAKE_OFF)
     assert took_off(fleet)

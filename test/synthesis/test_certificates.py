@@ -233,7 +233,6 @@ def test_the_saturated_loop_with_lag_and_delay_never_leaves_its_sets(certificate
     state = (spread @ random.standard_normal((timing.size, count * 3))).reshape(timing.size, count, 3)
     state = np.moveaxis(state, 0, 1).reshape(count, -1)
     state *= (0.999 / certificate.gain_min / sets.scale_larger(state))[:, np.newaxis]
-    F, G = timing.transition
     for _ in range(200):
         assert sets.classify(state).guaranteed.all()
         before = sets.levels(state)
@@ -243,7 +242,7 @@ def test_the_saturated_loop_with_lag_and_delay_never_leaves_its_sets(certificate
         assert (k >= certificate.gain_min).all()
         v = k[:, np.newaxis] * v0
         z = state.reshape(count, timing.size, 3)
-        following = np.einsum("ij,njk->nik", F, z) + G * v[:, np.newaxis]
+        following = timing.advance(z, v)
         np.testing.assert_allclose(following[:, 2:], timing.follow(z[:, 2:], v), rtol=1e-12, atol=1e-12)
         state = following.reshape(count, -1)
         for now, then in zip(sets.levels(state), before, strict=True):
