@@ -144,7 +144,14 @@ class Timing:
             (N, n, 3).
         """
         F, G = self.transition
-        return np.asarray(F @ z + G * command[:, np.newaxis])
+        # Term by term, drones last: as fast as a product of matrices, and the same to the last digit on all processors.
+        # Where a loop at the edge of stability goes depends on that digit.
+        terms = np.ascontiguousarray(z.transpose(1, 2, 0))
+        following = F[:, 0, np.newaxis, np.newaxis] * terms[0]
+        for j in range(1, self.size):
+            following += F[:, j, np.newaxis, np.newaxis] * terms[j]
+        following += G[:, :, np.newaxis] * command.T
+        return np.asarray(following.transpose(2, 0, 1))
 
     def follow(self, rest: ArrayLike, command: ArrayLike) -> FloatArray:
         """Return what z holds beyond position and velocity, one period later.
