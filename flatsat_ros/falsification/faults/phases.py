@@ -13,7 +13,7 @@ from flatsat_ros.falsification.faults.scene import Scene
 from flatsat_ros.planning.spline import spline_through
 
 STANDING = 1.0  # s on the floor before the take-off
-_SETTLING = 8.0  # s from the take-off to a hover in which the thrust has been learnt
+_SETTLING = 12.0  # s from the take-off to a hover in which the thrust has been learnt
 CLIMBING = 1.0  # s from the request of the take-off, the unlocking of 0.3 s among them
 _WAY = (0.0, 2.0, 0.0)  # m, of a drone that moves
 _MOVING = 1.2  # s on the way
