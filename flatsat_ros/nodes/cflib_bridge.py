@@ -27,7 +27,7 @@ from flatsat_ros.crazyflie.link import Address, PacketQueue, ShutdownSequence, S
 from flatsat_ros.crazyflie.outbox import Outbox, Packet, Stream
 from flatsat_ros.flight.supervisor import Policy
 from flatsat_ros.nodes import crazyswarm
-from flatsat_ros.nodes.ros import interfaces, messages
+from flatsat_ros.nodes.ros import cdr, interfaces, messages
 from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, Report
 from flatsat_ros.nodes.ros.parameters import (
     declare,
@@ -235,7 +235,7 @@ class CflibBridge(ProgramNode):
             self._refuse(link, error)
 
     def _on_external_pose(self, link: Link, with_attitude: bool, data: bytes) -> None:
-        _, position, quaternion = messages.pose_from_cdr(data)
+        _, position, quaternion = cdr.pose_from_cdr(data)
         values = position + quaternion if with_attitude else position
         if all(map(math.isfinite, values)):
             link.locate(position, quaternion if with_attitude else None)

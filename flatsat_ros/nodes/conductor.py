@@ -24,7 +24,7 @@ from flatsat_ros.crazyflie.wire import input_from_setpoint
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.flight.trajectory import Trajectory
-from flatsat_ros.nodes.ros import interfaces, messages
+from flatsat_ros.nodes.ros import cdr, interfaces, messages
 from flatsat_ros.nodes.ros.bag import Recorded
 from flatsat_ros.nodes.ros.interfaces import Topic
 
@@ -119,7 +119,7 @@ class Conductor(Node):
 
     def away(self, places: FloatArray, distance: float) -> list[str]:
         """Return the robots whose newest pose is farther than the distance, m, from their place (N, 3), m."""
-        positions = [messages.pose_from_cdr(self._newest[interfaces.POSE.of(r)])[1] for r in self._robots]
+        positions = [cdr.pose_from_cdr(self._newest[interfaces.POSE.of(r)])[1] for r in self._robots]
         far = np.linalg.norm(np.array(positions) - places, axis=1) > distance
         return [robot for robot, is_far in zip(self._robots, far, strict=True) if is_far]
 
@@ -161,7 +161,7 @@ class Conductor(Node):
 
     def poses(self, robot: str) -> FloatArray:
         """Return the recorded poses of a robot, (n, 4): stamp s, x, y, z m."""
-        read = [(messages.pose_from_cdr(entry.cdr)) for entry in self._of(interfaces.POSE, robot)]
+        read = [(cdr.pose_from_cdr(entry.cdr)) for entry in self._of(interfaces.POSE, robot)]
         return np.array([[self.seconds(stamp), *position] for stamp, position, _ in read])
 
     def ticks(self, robot: str) -> FloatArray:

@@ -1,67 +1,61 @@
 """The controller node: poses in, thrust, roll and pitch out, for any number of drones.
 
-Callbacks convert and store. One fixed-rate tick, the certificate's period, computes all drones in one step.
+Callbacks convert and store. One fixed-rate tick, the certificate's period, computes all drones in one step. What one
+drone's messages or commands break ends with that drone; if the common step breaks, all go down by their last resort.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TypeVar
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped, Twist
-from rcl_interfaces.msg import SetParametersResult
+from geometry_msgs.msg import Twist
 from rclpy.duration import Duration
-from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from std_srvs.srv import SetBool, Trigger
-from trajectory_msgs.msg import MultiDOFJointTrajectory
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import load_certificate
-from flatsat_ros.certificate.sets import Place
-from flatsat_ros.crazyflie.wire import Backend, setpoint_from_command
+from flatsat_ros.crazyflie.wire import Backend, WireSetpoint, YawMode, setpoint_from_command
 from flatsat_ros.flight import telemetry
 from flatsat_ros.flight.estimator import PREDICTION_MAX
 from flatsat_ros.flight.pilot import Command, Pilot, Tick
 from flatsat_ros.flight.supervisor import Mode, Policy, Transition
 from flatsat_ros.flight.trajectory import Trajectory
-from flatsat_ros.law.controller import Controller
-from flatsat_ros.law.gain import Tuning
 from flatsat_ros.nodes.crazyswarm import SETTLING_TIME, DroneLink
-from flatsat_ros.nodes.ros import interfaces, messages
+from flatsat_ros.nodes.flight_report import FlightLog, report_flight
+from flatsat_ros.nodes.last_resort import LastResort
+from flatsat_ros.nodes.rivals import Rivals
+from flatsat_ros.nodes.ros import cdr, interfaces, messages
 from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, Report
 from flatsat_ros.nodes.ros.parameters import (
     declare,
     declare_choice,
-    declare_override,
     declare_robots,
     declare_vehicles,
     declare_yaw_mode,
-    require_float_or_unset,
     require_known_parameters,
 )
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
+from flatsat_ros.nodes.ros.stamps import StampClock
+from flatsat_ros.nodes.tuning import TuningParameters
 
-# how often services of the drones' links are looked for, s
+# how often services of the drones' links and rivals are looked for, s
 _LOOK_PERIOD = 1.0
+# of the poses of a drone that come between two ticks, so many are taken in, the newest
+_POSES_MAX = 100
+_BROKEN = "the control step failed, see the log; restart the controller"
 
 Answer = TypeVar("Answer", SetBool.Response, Trigger.Response)
 
 # how long the last commands may take to be acknowledged, s
 _ENDING_TIME = 0.5
-
-# parameter, what it means, unit, default and range of the tuning; Tuning's fields in order
-_TUNING = (
-    ("mu", "adaptation rate mu of the gain; 0 keeps it constant", "1/s", 2.0, (0.0, 100.0)),
-    ("v_inf", "threshold V_inf below which the gain rests", "", 0.05, (1e-9, 1e9)),
-    ("gamma_0", "gain gamma_0 at take-off", "", 1.0, (1.0, 1e6)),
-    ("gamma_max", "cap of the gain, at most the certificate's; 0 takes the certificate's", "", 0.0, (0.0, 1e6)),
-    ("nu", "leak of the gain toward 1, at most 1/period; 0 is the paper's law", "1/s", 0.0, (0.0, 1e3)),
-)
 
 # the figures of the flight modes that a lab may want otherwise
 _POLICY = (
@@ -103,23 +97,24 @@ class ControllerNode(ProgramNode):
             name: declare(self, name, default, meaning, unit=unit, bounds=bounds)
             for name, meaning, unit, default, bounds in _POLICY
         })  # fmt: skip
-        for name, meaning, unit, default, valid in _TUNING:
-            declare(self, name, default, meaning, unit=unit, bounds=valid, changeable=True)
-            for robot in self.robots:
-                declare_override(self, f"robots.{robot}.{name}", meaning, unit)
+        tuning = TuningParameters(self, self.robots, self._certificate)
         # zero thrust from the next tick on, the tick after it, the notice that no more follows
         self._unlock_time = policy.unlock_time + 2.0 * self._certificate.period + SETTLING_TIME
         self._takeoff_height = declare(
             self, "takeoff_height", 0.5, "how high the takeoff service sends a drone", unit="m", bounds=(0.05, 100.0)
         )
-        declare(self, "restart_gain", True, "a far new reference restarts the gain at gamma_0", changeable=True)
+        self._world = declare(self, "world_frame", "world", "frame_id of poses, goals and trajectories").encode()
         require_known_parameters(self)
-        self._pilot = Pilot(self._certificate, self._tuning_with({}), policy, len(self.robots))
-        self.add_on_set_parameters_callback(self._check_parameters)
-        self.add_post_set_parameters_callback(self._take_parameters)
+        self._pilot = Pilot(self._certificate, tuning.tuning(), policy, len(self.robots))
+        tuning.follow(self._pilot.retune)
 
-        self._origin = self.get_clock().now().nanoseconds
-        self._poses: list[tuple[int, bytes]] = []
+        count = len(self.robots)
+        self._stamps = StampClock(count, lambda: self.get_clock().now().nanoseconds, time.monotonic_ns)
+        hover = [float(vehicle.pwm_from_thrust(GRAVITY)) for vehicle in self._vehicles]
+        self._last_resort = LastResort(hover, keeps_yaw=self._yaw_mode is YawMode.ANGLE)
+        self._broken = False  # the common step has failed
+        self._log = FlightLog(self.get_logger())
+        self._poses: list[deque[bytes]] = [deque(maxlen=_POSES_MAX) for _ in range(count)]
         self._durations: list[float] = []
         self._last: Tick | None = None
         self._command = Twist()
@@ -132,7 +127,8 @@ class ControllerNode(ProgramNode):
             self._serve(robot)
         self._links = [DroneLink(self, robot) for robot in self.robots]
         self.create_timer(self._certificate.period, self._on_tick)
-        self.create_timer(_LOOK_PERIOD, self._look_for_services)
+        self._rivals = Rivals(self, self.robots)
+        self.create_timer(_LOOK_PERIOD, self._look_around)
         Diagnostics(self, self._report)
         self.get_logger().info(
             f"flying {', '.join(self.robots)} with certificate {self._certificate.name!r} at "
@@ -145,23 +141,18 @@ class ControllerNode(ProgramNode):
 
     def finish(self) -> None:
         """Send the last safe commands: level and sinking in the air, zero thrust otherwise; nothing to idle drones."""
-        last = {index: self._pilot.last_command(index) for index in range(len(self.robots))}
-        commanded = {index: command for index, command in last.items() if command is not None}
-        for index, command in commanded.items():
-            self._publish_command(index, command)
+        self._stamps.look()
+        for index in range(len(self.robots)):
+            self._send(index, self._pilot.last_command)
         end = time.monotonic() + _ENDING_TIME
-        for index in commanded:
-            left = max(end - time.monotonic(), 0.0)
-            self._command_publishers[index].wait_for_all_acked(Duration(seconds=left))
+        for publisher in self._command_publishers:
+            publisher.wait_for_all_acked(Duration(seconds=max(end - time.monotonic(), 0.0)))
 
     def _connect(self, index: int, robot: str) -> None:
         pose, goal, trajectory = interfaces.POSE, interfaces.GOAL, interfaces.TRAJECTORY
         command, report = interfaces.COMMAND, interfaces.TELEMETRY
-        self.create_subscription(pose.kind, pose.of(robot), partial(self._on_pose, index), pose.subscribe, raw=True)
-        self.create_subscription(goal.kind, goal.of(robot), lambda m: self._on_goal(index, m), goal.subscribe)
-        self.create_subscription(
-            trajectory.kind, trajectory.of(robot), lambda m: self._on_trajectory(index, m), trajectory.subscribe
-        )
+        for topic, take in ((pose, self._on_pose), (goal, self._on_goal), (trajectory, self._on_trajectory)):
+            self.create_subscription(topic.kind, topic.of(robot), partial(take, index), topic.subscribe, raw=True)
         self._command_publishers.append(self.create_publisher(command.kind, command.of(robot), command.publish))
         self._telemetry_publishers.append(self.create_publisher(report.kind, report.of(robot), report.publish))
 
@@ -169,7 +160,7 @@ class ControllerNode(ProgramNode):
         """Offer the services of one robot, or of all."""
         indices = range(len(self.robots)) if robot == interfaces.ALL else [self.robots.index(robot)]
         actions: dict[str, Callable[[int], str | None]] = {
-            "takeoff": lambda index: self._pilot.take_off(index, self._takeoff_height),
+            "takeoff": self._take_off,
             "land": self._pilot.land,
             "hand_over": self._hand_over,
         }
@@ -185,6 +176,10 @@ class ControllerNode(ProgramNode):
             return self._answer(answer, "arm" if wanted else "disarm", indices, lambda index: self._arm(index, wanted))
 
         self.create_service(SetBool, interfaces.service_of(robot, interfaces.ARM), arm)
+
+    def _take_off(self, index: int) -> None:
+        self._rivals.require_none(index)
+        self._pilot.take_off(index, self._takeoff_height)
 
     def _arm(self, index: int, wanted: bool) -> str:
         """Allow or forbid take-off, and arm or disarm the drone itself; return what happens now."""
@@ -203,144 +198,160 @@ class ControllerNode(ProgramNode):
         """Do something with some drones and say how it went for each; a refusal for one does not stop the others."""
         refused, done = [], []
         for index in indices:
+            robot = self.robots[index]
             try:
+                self._require_steered(index)
                 done.append(act(index))
             except FlatsatError as error:
-                refused.append(f"{self.robots[index]}: {name} refused: {error}")
+                refused.append(f"{robot}: {name} refused: {error}")
+            except Exception as error:
+                self.faults.note(f"{robot}/{name}", error)
+                refused.append(f"{robot}: {name} failed by an error of the program: see the log")
         messages.fill_answer(answer, not refused, "; ".join(refused + [sentence for sentence in done if sentence]))
-        for sentence in refused:
-            self.get_logger().error(sentence)
+        self._log.refusals(", ".join(self.robots[index] for index in indices), refused)
         return answer
 
-    def _seconds(self, nanoseconds: int) -> float:
-        """Return a clock reading as seconds since the node's start: small enough to keep nanoseconds in a float."""
-        return (nanoseconds - self._origin) / messages.NANOSECONDS
+    def _require_steered(self, index: int) -> None:
+        """Refuse what is asked of a drone that goes down by its last resort.
 
-    def _take_poses(self, now: float) -> None:
-        """Take in the poses since the last tick: one after the other they cost a fifth of what each does by itself."""
-        poses, self._poses = self._poses, []
-        for index, data in poses:
-            stamp, position, quaternion = messages.pose_from_cdr(data)
-            self._pilot.measure(index, self._seconds(stamp), position, quaternion, now)
+        Raises:
+            FlatsatError: it does.
+        """
+        if self._last_resort.since[index] is not None:
+            raise FlatsatError(_BROKEN)
 
     def _on_pose(self, index: int, data: bytes) -> None:
-        self._poses.append((index, data))
+        cdr.require_short(data)
+        self._poses[index].append(data)
 
-    def _on_goal(self, index: int, message: PoseStamped) -> None:
-        self._set_reference(index, lambda: messages.setpoint_from_goal(message))
+    def _take_poses(self) -> None:
+        """Take in the poses since the last tick: one after the other they cost a fifth of what each does by itself."""
+        for index, robot in enumerate(self.robots):
+            poses = self._poses[index]
+            while poses:
+                with self.faults.contain(f"{robot}/pose"):
+                    data = poses.popleft()
+                    cdr.require_frame(data, self._world)
+                    stamp, position, quaternion = cdr.pose_from_cdr(data)
+                    measured = self._stamps.measured(index, stamp)
+                    self._pilot.measure(index, measured, position, quaternion, self._stamps.now)
 
-    def _on_trajectory(self, index: int, message: MultiDOFJointTrajectory) -> None:
+    def _on_goal(self, index: int, data: bytes) -> None:
+        cdr.require_short(data)
+        cdr.require_frame(data, self._world)
+        self._set_reference(index, cdr.setpoint_from_cdr(data))
+
+    def _on_trajectory(self, index: int, data: bytes) -> None:
+        cdr.require_frame(data, self._world)
+        self._look_at_clock()
         now = self.get_clock().now().nanoseconds
-        self._set_reference(index, lambda: messages.trajectory_from_message(message, now, self._origin))
+        self._set_reference(index, cdr.trajectory_from_cdr(data, now, self._stamps.origin()))
 
-    def _set_reference(self, index: int, read: Callable[[], Trajectory]) -> None:
-        """Take a reference, or keep the old one and say why."""
-        try:
-            self._pilot.set_reference(index, read())
-        except FlatsatError as error:
-            self.get_logger().error(f"{self.robots[index]}: reference refused, the previous one stays: {error}")
+    def _set_reference(self, index: int, reference: Trajectory) -> None:
+        """Let a drone follow a reference from now on, and take off for it if it rests.
+
+        Raises:
+            FlatsatError: it cannot, and what it followed before stays.
+        """
+        self._require_steered(index)
+        if self._pilot.mode[index] not in (Mode.FLY, Mode.LEVEL):
+            self._rivals.require_none(index)
+        self._pilot.set_reference(index, reference)
+
+    def _look_at_clock(self) -> None:
+        self._log.clock(self._stamps.look())
 
     def _on_tick(self) -> None:
-        now = self._seconds(self.get_clock().now().nanoseconds)
-        self._take_poses(now)
-        tick = self._pilot.tick(now)
-        self._durations.append(tick.duration * 1e6)
-        self._follow_transitions(tick.transitions)
-        self._last = tick
-        rows = telemetry.rows(tick)
+        self._look_at_clock()
+        tick = self._step()
         for index in range(len(self.robots)):
-            command = tick.command(index)
-            if command is not None:
-                self._publish_command(index, command)
-            messages.fill_telemetry(self._telemetry, rows[index])
-            self._telemetry_publishers[index].publish(self._telemetry)
+            self._send(index, self._silence if tick is None else tick.command)
+        if tick is not None:
+            self._follow(tick)
 
-    def _follow_transitions(self, transitions: Sequence[Transition]) -> None:
-        """Say who did not lift off; tell the drones whose set-points begin or end, if their links have a way to."""
-        for index, before, after, reason in transitions:
-            robot, link = self.robots[index], self._links[index]
-            if before is Mode.FLY and after is Mode.CUT:
-                self.get_logger().error(
-                    f"{robot}: {reason}: motors cut. Not armed, locked until reboot, not linked, or heavier than its "
-                    "vehicle profile? A new reference tries again"
-                )
-            if after is not Mode.IDLE:
-                link.reclaim()
-            elif before in (Mode.REST, Mode.UNLOCK):
-                link.release(in_flight=False)
+    def _step(self) -> Tick | None:
+        """Compute all drones; None if that fails, and for good: then all go down by their last resort."""
+        if not self._broken:
+            with self.faults.contain("control step"):
+                self._take_poses()
+                return self._pilot.tick(self._stamps.now)
+            self._broken = True
+            for index in range(len(self.robots)):
+                self._last_resort.begin(index, self._stamps.now)
+            self.get_logger().fatal("every drone in the air goes down level, by what was sent before")
+        return None
 
-    def _publish_command(self, index: int, command: Command) -> None:
-        setpoint = setpoint_from_command(*command, self._vehicles[index], self._backend, self._yaw_mode)
+    @staticmethod
+    def _silence(_: int) -> None:
+        """Say nothing to a drone."""
+
+    def _send(self, index: int, command_of: Callable[[int], Command | None]) -> None:
+        """Send a drone its command, or its last resort where there is none to be had."""
+        robot, now = self.robots[index], self._stamps.now
+        if self._last_resort.since[index] is None:
+            with self.faults.contain(f"{robot}/command"):
+                command = command_of(index)
+                if command is not None:
+                    vehicle = self._vehicles[index]
+                    setpoint = setpoint_from_command(*command, vehicle, self._backend, self._yaw_mode)
+                    self._publish(index, setpoint)
+                    self._last_resort.note(index, setpoint, now)
+                return
+            self._last_resort.begin(index, now)
+        with self.faults.contain(f"{robot}/last resort"):
+            last = self._last_resort.setpoint(index, now)
+            if last is not None:
+                self._publish(index, last)
+
+    def _publish(self, index: int, setpoint: WireSetpoint) -> None:
         messages.fill_command(self._command, setpoint)
         self._command_publishers[index].publish(self._command)
 
-    def _tuning_with(self, changed: dict[str, object]) -> Tuning:
-        """Return the tuning with some parameters changed; a robot's own value goes over the common one.
-
-        Raises:
-            FlatsatError: a value is not valid.
-        """
-
-        def value(name: str) -> float | None:
-            found = changed[name] if name in changed else self.get_parameter(name).value
-            return require_float_or_unset(name, found)
-
-        columns = []
-        for name, *_ in _TUNING:
-            common = value(name)
-            own = [value(f"robots.{robot}.{name}") for robot in self.robots]
-            columns.append(np.array([common if entry is None else entry for entry in own], dtype=float))
-        mu, v_inf, initial, cap, nu = columns
-        cap = np.where(cap == 0.0, self._certificate.gain_max, cap)
-        restart = bool(changed.get("restart_gain", self.get_parameter("restart_gain").value))
-        tuning = Tuning(mu, v_inf, initial, cap, nu, restart)
-        Controller(self._certificate, tuning)
-        return tuning
-
-    def _check_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
-        try:
-            for parameter in parameters:
-                if parameter.type_ is Parameter.Type.NOT_SET:  # rclpy would forget its declaration
-                    raise FlatsatError(f"parameter {parameter.name} cannot be deleted: set it to the common value")
-            self._tuning_with({parameter.name: parameter.value for parameter in parameters})
-        except FlatsatError as error:
-            return messages.parameters_answer(str(error))
-        return messages.parameters_answer()
-
-    def _take_parameters(self, _parameters: Sequence[Parameter]) -> None:
-        self._pilot.retune(self._tuning_with({}))
-
-    def _look_for_services(self) -> None:
-        offered = dict(self.get_service_names_and_types())
-        for link in self._links:
-            link.find_services(offered)
-
-    def _report(self, nanoseconds: int) -> list[Report]:
-        """Return how every drone is; nothing before the first tick."""
-        durations, self._durations = np.array(self._durations or [0.0]), []
-        if self._last is None:
-            return []
-        now, reports = self._seconds(nanoseconds), []
-        self._take_poses(now)
-        median, longest = np.median(durations), durations.max()
-        estimator, out, where = self._pilot.estimator, self._last.output, self._last.assessment
+    def _follow(self, tick: Tick) -> None:
+        """Tell everybody what a tick brought about."""
+        self._last = tick
+        self._durations.append(tick.duration * 1e6)
+        self._follow_transitions(tick.transitions)
+        rows = telemetry.rows(tick)
         for index, robot in enumerate(self.robots):
-            mode, place = Mode(self._pilot.mode[index]), Place(where.place[index])
-            outside = mode is Mode.FLY and place is Place.OUTSIDE
-            level = Level.ERROR if mode in (Mode.LEVEL, Mode.CUT) else Level.WARN if outside else Level.OK
-            values = {
-                "V/eps": f"{where.relative_level[index]:.4g}",
-                "set": place.name,
-                "guaranteed": bool(where.guaranteed[index]) and mode is Mode.FLY,
-                "gamma": f"{out.gain[index]:.4g}",
-                "applied gain": f"{out.applied_gain[index]:.4g}",
-                "pose age s": f"{now - estimator.newest[index]:.3f}",
-                "poses refused": int(estimator.rejected[index]),
-                "tick median us": f"{median:.0f}",
-                "tick max us": f"{longest:.0f}",
-            }
-            text = mode.name + (": outside the certified sets" if outside else "")
-            reports.append(Report(robot, robot, level, text, values))
+            with self.faults.contain(f"{robot}/telemetry"):
+                messages.fill_telemetry(self._telemetry, rows[index])
+                self._telemetry_publishers[index].publish(self._telemetry)
+
+    def _follow_transitions(self, transitions: Sequence[Transition]) -> None:
+        """Log them; tell the drones whose set-points begin or end, if their links have a way to."""
+        for transition in transitions:
+            index, before, after, _ = transition
+            robot, link = self.robots[index], self._links[index]
+            with self.faults.contain(f"{robot}/transition"):
+                self._log.transition(robot, transition)
+                if after is not Mode.IDLE:
+                    link.reclaim()
+                elif before in (Mode.REST, Mode.UNLOCK):
+                    link.release(in_flight=False)
+
+    def _look_around(self) -> None:
+        self._rivals.look()
+        offered = dict(self.get_service_names_and_types())
+        for robot, link in zip(self.robots, self._links, strict=True):
+            with self.faults.contain(f"{robot}/services"):
+                link.find_services(offered)
+
+    def _report(self, _: int) -> list[Report]:
+        """Return how every drone is; nothing of those of which nothing is known before the first tick."""
+        durations, self._durations = np.array(self._durations or [0.0]), []
+        self._look_at_clock()
+        self._take_poses()
+        reports = []
+        for index, robot in enumerate(self.robots):
+            values: dict[str, object] = {"refused": self.faults.count(robot), "last refusal": self.faults.newest(robot)}
+            if self._last_resort.since[index] is not None:
+                reports.append(Report(robot, robot, Level.ERROR, f"LAST RESORT: {_BROKEN}", values))
+            elif self._last is not None:
+                values |= {"tick median us": f"{np.median(durations):.0f}", "tick max us": f"{durations.max():.0f}"}
+                with self.faults.contain(f"{robot}/report"):
+                    rivals, now = self._rivals.of(index), self._stamps.now
+                    reports.append(report_flight(robot, index, self._pilot, self._last, now, rivals, values))
         return reports
 
 

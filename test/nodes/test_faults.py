@@ -23,7 +23,7 @@ def log() -> Log:
     return Log()
 
 
-def refuse(faults: Faults, name: str, reason: str = "x is 1: valid is 2") -> None:
+def refuse(faults: Faults, name: str, reason: str = "x = 1: must be 2") -> None:
     with faults.contain(name):
         raise FlatsatError(reason)
 
@@ -44,8 +44,8 @@ def test_what_fails_inside_does_not_reach_what_stands_around(log: Log) -> None:
 
 def test_a_refusal_is_one_line(log: Log) -> None:
     faults = Faults(log)  # type: ignore[arg-type]
-    refuse(faults, "cf1/pose", "x is\n1: valid is 2")
-    assert log.lines == ["cf1/pose: x is 1: valid is 2"]
+    refuse(faults, "cf1/pose", "x =\n1: must be 2")
+    assert log.lines == ["cf1/pose: x = 1: must be 2"]
 
 
 def test_an_interrupt_is_not_taken(log: Log) -> None:
@@ -53,13 +53,17 @@ def test_an_interrupt_is_not_taken(log: Log) -> None:
         raise KeyboardInterrupt
 
 
-def test_the_same_fault_is_told_again_after_ten_seconds_with_its_number(log: Log) -> None:
+@pytest.mark.parametrize(("error", "silence"), [(FlatsatError("x"), 1), (OverflowError("x"), 10)])
+def test_the_same_fault_is_told_again_after_a_while_with_its_number(log: Log, error: Exception, silence: int) -> None:
     now = [0.0]
     faults = Faults(log, lambda: now[0])  # type: ignore[arg-type]
-    for tenth in range(101):
+    for tenth in range(10 * silence + 1):
         now[0] = tenth / 10.0
-        refuse(faults, "cf1/pose")
-    assert log.lines == ["cf1/pose: x is 1: valid is 2", "cf1/pose: x is 1: valid is 2 (101 times so far)"]
+        with faults.contain("cf1/pose"):
+            raise error
+    first, again = log.lines
+    assert "times" not in first
+    assert f"({10 * silence} times)" in again
 
 
 def test_one_name_does_not_silence_another(log: Log) -> None:
@@ -67,7 +71,9 @@ def test_one_name_does_not_silence_another(log: Log) -> None:
     for name in ("cf1/pose", "cf2/pose", "cf1/goal_pose", "cf10/pose", "cf1/pose"):
         refuse(faults, name)
     assert len(log.lines) == 4
-    assert (faults.count("cf1/"), faults.count("cf2/"), faults.count("cf")) == (3, 1, 5)
+    assert [faults.count(robot) for robot in ("cf1", "cf2", "cf")] == [3, 1, 0]
+    assert faults.newest("cf1") == "cf1/pose: x = 1: must be 2"
+    assert faults.newest("cf") == ""
 
 
 def test_what_is_told_is_bounded(log: Log) -> None:

@@ -264,6 +264,10 @@ def test_timers_stand_on_a_clock_that_nobody_sets(node: ProgramNode) -> None:
     assert timer.clock.clock_type is ClockType.STEADY_TIME
 
 
+def test_it_starts_with_the_time_of_a_simulation() -> None:
+    assert live(lambda: Landing([signal.SIGTERM]), ["program", "--ros-args", "-p", "use_sim_time:=true"]).life
+
+
 def test_the_source_of_time_cannot_change(node: ProgramNode) -> None:
     (same, other) = node.set_parameters([Parameter("use_sim_time", value=value) for value in (False, True)])
     assert same.successful

@@ -13,7 +13,7 @@ from flatsat_ros.base.errors import FlatsatError, one_line, refusal
 from flatsat_ros.base.files import check_regular, located, unreadable, unwritable
 from flatsat_ros.base.strict_yaml import read_yaml
 from flatsat_ros.identification.recording import POSES, Recording
-from flatsat_ros.nodes.ros import messages
+from flatsat_ros.nodes.ros import cdr, messages
 
 _KIND = "geometry_msgs/msg/PoseStamped"
 
@@ -44,7 +44,7 @@ def read_bag(path: str, topic: str = "") -> Recording:
                 raise refusal("topic", topic, "", f"one of its {_KIND} topics: {', '.join(topics) or 'none'}")
             entries = []
             for _, recorded, data in reader.messages([topics[chosen]]):
-                stamp, position, quaternion = messages.pose_from_cdr(bytes(data))
+                stamp, position, quaternion = cdr.pose_from_cdr(bytes(data))
                 entries.append((stamp or recorded, position, quaternion))
                 if len(entries) > POSES:
                     raise refusal("number of poses", len(entries), "or more", f"at most {POSES}")

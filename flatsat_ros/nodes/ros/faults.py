@@ -15,11 +15,12 @@ from typing import TypeVar
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from flatsat_ros.base.errors import FlatsatError, one_line
+from flatsat_ros.nodes.ros.throttle import Throttle
 
 T = TypeVar("T")
 
-# the same fault is told again after this time at the earliest, s
-_SILENCE = 10.0
+# the same is told again after this time at the earliest, s: what was refused, and what failed
+_REFUSAL_SILENCE, _SILENCE = 1.0, 10.0
 # the innermost calls of a traceback that are shown, and its length in characters
 _CALLS, _LENGTH = 12, 4000
 
@@ -28,7 +29,7 @@ class Faults:
     """What failed in a node: counted and told by the name of what failed, such as `cf1/goal_pose`.
 
     A refusal, a FlatsatError, is told in one line; any other exception is an error of the program and comes with its
-    traceback. Each is told at once, and again at most every ten seconds while it lasts.
+    traceback. Each is told at once, and again at most once a second or every ten seconds while it lasts.
 
     Attributes:
         counts: how often each failed.
@@ -39,11 +40,11 @@ class Faults:
 
         Args:
             logger: where they are told.
-            clock: s, never set back.
+            clock: s, never set.
         """
         self.counts: Counter[str] = Counter()
-        self._logger, self._clock = logger, clock
-        self._told: dict[str, float] = {}
+        self._logger, self._throttle = logger, Throttle(clock)
+        self._newest: dict[str, str] = {}
 
     def contain(self, name: str) -> Containment:
         """Return a context whose exceptions end with it; they count under a name."""
@@ -64,21 +65,25 @@ class Faults:
     def note(self, name: str, error: Exception) -> None:
         """Count an exception, and tell it unless that name was told a moment ago."""
         self.counts[name] += 1
-        now = self._clock()
-        if now - self._told.get(name, -_SILENCE) < _SILENCE:
+        refused = isinstance(error, FlatsatError)
+        text = one_line(str(error) if refused else f"{type(error).__name__}: {error}")
+        self._newest[name.partition("/")[0]] = f"{name}: {text}"
+        times = self._throttle.admit(name, _REFUSAL_SILENCE if refused else _SILENCE)
+        if times is None:
             return
-        self._told[name] = now
-        times = f" ({self.counts[name]} times so far)" if self.counts[name] > 1 else ""
-        if isinstance(error, FlatsatError):
-            self._logger.error(f"{name}: {one_line(str(error))}{times}")
-            return
-        where = "".join(traceback.format_exception(error, limit=-_CALLS))
-        text = one_line(f"{type(error).__name__}: {error}")
-        self._logger.error(f"{name} failed: {text}{times}\n{where[-_LENGTH:]}")
+        if refused:
+            self._logger.error(f"{name}: {text}{times}")
+        else:
+            where = "".join(traceback.format_exception(error, limit=-_CALLS))
+            self._logger.error(f"{name} failed: {text}{times}\n{where[-_LENGTH:]}")
 
-    def count(self, prefix: str) -> int:
-        """Return how many faults have a name that begins so."""
-        return sum(number for name, number in self.counts.items() if name.startswith(prefix))
+    def count(self, robot: str) -> int:
+        """Return how many faults have a name below a robot's."""
+        return sum(number for name, number in self.counts.items() if name.startswith(f"{robot}/"))
+
+    def newest(self, robot: str) -> str:
+        """Return the last fault below a robot's name, empty if there was none."""
+        return self._newest.get(robot, "")
 
 
 class Containment:

@@ -1,12 +1,12 @@
 """The only file that touches message fields. Everything it returns is SI, radians, floats in seconds.
 
-A test reads the other files of the package for names of message fields.
+`cdr` reads from their bytes the messages that come often or may be long. A test reads the other files of the package
+for names of message fields.
 """
 
 from __future__ import annotations
 
 import array
-import struct
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -21,36 +21,11 @@ from std_srvs.srv import SetBool
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.flight.trajectory import Trajectory
 
 NANOSECONDS = 1_000_000_000
-
-_CDR_HEADER = 4
-
-
-def pose_from_cdr(data: bytes) -> tuple[int, tuple[float, ...], tuple[float, ...]]:
-    """Read a serialised PoseStamped without building the message, at half the cost.
-
-    The encapsulation header takes 4 bytes, byte 1 tells the byte order; then sec, nanosec, the length of frame_id with
-    its terminator, frame_id, and seven doubles aligned to 8 bytes counted from the end of the header.
-
-    Returns:
-        Stamp (ns), position (3,) m, quaternion (4,) x, y, z, w.
-
-    Raises:
-        FlatsatError: the bytes are not a PoseStamped.
-    """
-    order = "<" if len(data) > 1 and data[1] == 1 else ">"
-    try:
-        sec, nanosec, length = struct.unpack_from(order + "iII", data, _CDR_HEADER)
-        offset = _CDR_HEADER + (12 + length + 7) // 8 * 8
-        values = struct.unpack_from(order + "7d", data, offset)
-    except struct.error as error:
-        raise FlatsatError(f"{len(data)} bytes are not a serialised PoseStamped: {error}") from error
-    return sec * NANOSECONDS + nanosec, values[:3], values[3:]
 
 
 def stamp_from_nanoseconds(nanoseconds: int) -> Time:
@@ -105,62 +80,9 @@ def command_from_message(message: Twist) -> WireSetpoint:
     return WireSetpoint(message.linear.y, message.linear.x, message.angular.z, message.linear.z)
 
 
-def yaw_from_quaternion(q: Quaternion) -> float:
-    """Return psi, rad; the all-zero quaternion of an unset field means 0.
-
-    Raises:
-        FlatsatError: the quaternion has no direction.
-    """
-    if q.x == q.y == q.z == q.w == 0.0:
-        return 0.0
-    yaw = float(np.arctan2(2.0 * (q.w * q.z + q.x * q.y), q.w**2 + q.x**2 - q.y**2 - q.z**2))
-    if not np.isfinite(yaw):
-        raise refusal("orientation", (q.x, q.y, q.z, q.w), "", "finite")
-    return yaw
-
-
 def quaternion_from_yaw(yaw: float) -> Quaternion:
     """Return the level orientation with the given psi, rad."""
     return Quaternion(z=float(np.sin(yaw / 2.0)), w=float(np.cos(yaw / 2.0)))
-
-
-def setpoint_from_goal(message: PoseStamped) -> Trajectory:
-    """Return the set-point that a goal asks for: position and yaw.
-
-    Raises:
-        FlatsatError: a value is not finite.
-    """
-    p = message.pose.position
-    return Trajectory.hold([p.x, p.y, p.z], yaw_from_quaternion(message.pose.orientation))
-
-
-def trajectory_from_message(message: MultiDOFJointTrajectory, now: int, origin: int) -> Trajectory:
-    """Return the trajectory of a message with one joint and positions, velocities and accelerations at every point.
-
-    Args:
-        message: its header stamp is the start; a zero stamp means now.
-        now: ns.
-        origin: ns; the trajectory's times are seconds after it.
-
-    Raises:
-        FlatsatError: a point lacks something, a value is not finite, times do not increase, or it does not end at rest.
-    """
-    if not message.points:
-        raise FlatsatError("the trajectory has no points: must have at least one")
-    for number, point in enumerate(message.points):
-        lengths = (len(point.transforms), len(point.velocities), len(point.accelerations))
-        if lengths != (1, 1, 1):
-            what = f"numbers of transforms, velocities and accelerations of point {number}"
-            raise refusal(what, lengths, "", "(1, 1, 1): the trajectory is that of one joint")
-    start = nanoseconds_from_stamp(message.header.stamp) or now
-    points = message.points
-    return Trajectory.through(
-        [(start - origin + _nanoseconds(p.time_from_start)) / NANOSECONDS for p in points],
-        [_vector(p.transforms[0].translation) for p in points],
-        [_vector(p.velocities[0].linear) for p in points],
-        [_vector(p.accelerations[0].linear) for p in points],
-        yaw_from_quaternion(points[-1].transforms[0].rotation),
-    )
 
 
 def message_from_trajectory(trajectory: Trajectory, start: int) -> MultiDOFJointTrajectory:

@@ -105,8 +105,12 @@ class ProgramNode(Node):
         self, msg_type: type[Any], topic: str, callback: Callable[[Any], object], *args: Any, **options: Any
     ) -> Subscription:
         """Create a subscription."""
-        safe = self.faults.contained(topic, callback)
-        return super().create_subscription(msg_type, topic, safe, *args, **options)
+
+        def take(message: Any) -> None:
+            with self.faults.contain(topic):
+                callback(message)
+
+        return super().create_subscription(msg_type, topic, take, *args, **options)
 
     def create_service(
         self, srv_type: type[Any], srv_name: str, callback: Callable[[Any, Any], Any], *args: Any, **options: Any

@@ -1,0 +1,82 @@
+"""What people are told about a flight: lines of the log, and statuses of /diagnostics."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+from rclpy.impl.rcutils_logger import RcutilsLogger
+
+from flatsat_ros.certificate.sets import Place
+from flatsat_ros.flight.pilot import Pilot, Tick
+from flatsat_ros.flight.supervisor import Event, Mode, Transition
+from flatsat_ros.nodes.ros.diagnostics import Level, Report
+from flatsat_ros.nodes.ros.throttle import Throttle
+
+# the same line is logged again after this time at the earliest, s: about a drone, and about a clock
+_SILENCE, _CLOCK_SILENCE = 1.0, 10.0
+
+
+class FlightLog:
+    """Lines of the log, each kind of line about a drone at most once a second."""
+
+    def __init__(self, logger: RcutilsLogger, clock: Callable[[], float] = time.monotonic) -> None:
+        """Begin with nothing logged; the clock shows s and is never set."""
+        self._logger, self._throttle = logger, Throttle(clock)
+
+    def transition(self, robot: str, transition: Transition) -> None:
+        """Log a change of a robot's flight mode; an error where it was not wanted."""
+        _, before, after, reason = transition
+        times = self._throttle.admit(f"{robot} {before.name} {after.name}", _SILENCE)
+        if times is None:
+            return
+        text = f"{robot}: {before.name} -> {after.name}: {reason}{times}"
+        if before is Mode.FLY and after is Mode.CUT:
+            text += (
+                ". Not armed, locked until reboot, not linked, too heavy for its profile? A new reference tries again"
+            )
+        if after in (Mode.LEVEL, Mode.CUT) or reason == Event.NOTHING_TO_DO.value:
+            self._logger.error(text)
+        else:
+            self._logger.info(text)
+
+    def refusals(self, robots: str, sentences: Sequence[str]) -> None:
+        """Log why a request was refused for some robots, or for all."""
+        if sentences and (times := self._throttle.admit(f"{robots} refused", _SILENCE)) is not None:
+            self._logger.error("; ".join(sentences) + times)
+
+    def clock(self, jump: float) -> None:
+        """Log by how much the ROS clock was set, s; 0.0 for not at all."""
+        if jump and (times := self._throttle.admit("clock", _CLOCK_SILENCE)) is not None:
+            self._logger.warning(f"the clock was set by {jump:+.3f} s{times}: stamps are read on it from now on")
+
+
+def report_flight(
+    robot: str, index: int, pilot: Pilot, tick: Tick, now: float, rivals: str, values: dict[str, object]
+) -> Report:
+    """Return the status of one drone.
+
+    Args:
+        robot: its name.
+        index: its index.
+        pilot: flies it.
+        tick: the last one.
+        now: s.
+        rivals: who publishes in its place, empty for nobody.
+        values: what else there is to report.
+    """
+    mode, where = Mode(pilot.mode[index]), tick.assessment
+    place, flying = Place(where.place[index]), mode is Mode.FLY
+    outside = "outside the certified sets" if flying and place is Place.OUTSIDE else ""
+    figures: dict[str, object] = {
+        "V/eps": f"{where.relative_level[index]:.4g}",
+        "set": place.name,
+        "guaranteed": bool(where.guaranteed[index]) and flying,
+        "gamma": f"{tick.output.gain[index]:.4g}",
+        "applied gain": f"{tick.output.applied_gain[index]:.4g}",
+        "pose age s": f"{now - pilot.estimator.newest[index]:.3f}",
+        "poses refused": int(pilot.estimator.rejected[index]),
+    }
+    bad = mode in (Mode.LEVEL, Mode.CUT) or rivals
+    level = Level.ERROR if bad else Level.WARN if outside else Level.OK
+    return Report(robot, robot, level, ": ".join(filter(None, (mode.name, outside, rivals))), figures | values)
