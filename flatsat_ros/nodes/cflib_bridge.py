@@ -21,7 +21,7 @@ from geometry_msgs.msg import Twist
 from std_srvs.srv import Empty
 
 from flatsat_ros.base.constants import GRAVITY
-from flatsat_ros.base.errors import FlatsatError, refusal
+from flatsat_ros.base.errors import FlatsatError, refusal, require
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot
 from flatsat_ros.crazyflie.link import Address, PacketQueue, ShutdownSequence, SupervisorInfo, sendable
 from flatsat_ros.crazyflie.outbox import Outbox, Packet, Stream
@@ -95,7 +95,6 @@ class CflibBridge(ProgramNode):
             ),
             cache=self._cache(),
         )  # fmt: skip
-        self._refused: Counter[str] = Counter()
         cflib_link.initialise()
         self.links = self._links(addresses, 1 if external is ExternalPose.NONE else 2, settings, cflib_link)
         for link in self.links:
@@ -229,22 +228,15 @@ class CflibBridge(ProgramNode):
             )
 
     def _on_command(self, link: Link, message: Twist) -> None:
-        try:
-            link.command(sendable(messages.command_from_message(message), self._vehicles[link.robot].pwm_max))
-        except FlatsatError as error:
-            self._refuse(link, error)
+        link.command(sendable(messages.command_from_message(message), self._vehicles[link.robot].pwm_max))
 
     def _on_external_pose(self, link: Link, with_attitude: bool, data: bytes) -> None:
-        _, position, quaternion = cdr.pose_from_cdr(data)
-        values = position + quaternion if with_attitude else position
-        if all(map(math.isfinite, values)):
+        with self.faults.contain(f"{link.robot}/external pose"):
+            cdr.require_short(data)
+            _, position, quaternion = cdr.pose_from_cdr(data)
+            values = position + quaternion if with_attitude else position
+            require(all(map(math.isfinite, values)), "external pose", values, "", "finite")
             link.locate(position, quaternion if with_attitude else None)
-        else:
-            self._refuse(link, f"external pose {values}: must be finite")
-
-    def _refuse(self, link: Link, reason: object) -> None:
-        self._refused[link.robot] += 1
-        self.get_logger().error(f"{link.robot}: not sent: {reason}", throttle_duration_sec=1.0)
 
     def _on_emergency(self, links: Sequence[Link], _: Empty.Request, answer: Empty.Response) -> Empty.Response:
         for link in links:
@@ -264,7 +256,7 @@ class CflibBridge(ProgramNode):
             values: dict[str, object] = {
                 "uri": link.address.uri,
                 "silent s": f"{link.silence:.2f}",
-                "refused": self._refused[link.robot],
+                "refused": self.faults.count(link.robot),
                 "overtaken": link.outbox.overtaken,
                 **{stream.value: link.outbox.sent[stream] for stream in Stream},
                 "connections": link.connections,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,6 +17,8 @@ from flatsat_ros.nodes.ros.bag import read_bag
 from flatsat_ros.nodes.ros.parameters import declare, declare_robot_name, require_known_parameters
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 
+# stamps stay as far apart as they were recorded while the clock is not set by more than this, ns
+_CLOCK_TOLERANCE = 50_000_000
 # how often it looks whether someone listens, s
 _PATIENCE = 0.05
 # from the first subscription to the first pose, s
@@ -53,7 +56,8 @@ class MocapPlayer(ProgramNode):
         self._stamps = np.rint(self._recording.time * nanoseconds).astype(np.int64).tolist()
         self._due = np.rint(self._recording.due() * nanoseconds).astype(np.int64).tolist()
         self._next = 0
-        self._start: int | None = None
+        self._start: int | None = None  # on steady time, ns
+        self._offset = self.get_clock().now().nanoseconds - time.monotonic_ns()  # of stamps, ns
         self._pose = messages.pose_message()
         self._publisher = self.create_publisher(
             interfaces.POSE.kind, interfaces.POSE.of(robot), interfaces.POSE.publish
@@ -69,7 +73,8 @@ class MocapPlayer(ProgramNode):
         self._publisher.wait_for_all_acked(Duration(seconds=_ENDING_TIME))
 
     def _on_timer(self) -> None:
-        now = self.get_clock().now().nanoseconds
+        now = time.monotonic_ns()
+        self._follow_clock(now)
         if self._start is None:
             if self._publisher.get_subscription_count() == 0:
                 return
@@ -87,9 +92,15 @@ class MocapPlayer(ProgramNode):
             self._timer.cancel()
 
     def _publish(self, start: int, index: int) -> None:
-        recording, stamp = self._recording, start + self._stamps[index]
+        recording, stamp = self._recording, start + self._stamps[index] + self._offset
         messages.fill_pose(self._pose, stamp, recording.position[index], recording.quaternion[index])
         self._publisher.publish(self._pose)
+
+    def _follow_clock(self, now: int) -> None:
+        """Learn what stamps are at a steady time, ns, again when the clock was set."""
+        offset = self.get_clock().now().nanoseconds - now
+        if abs(offset - self._offset) > _CLOCK_TOLERANCE:
+            self._offset = offset
 
     def _sleep(self, nanoseconds: int) -> None:
         """Call the timer back after that long."""

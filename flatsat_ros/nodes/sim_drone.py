@@ -17,7 +17,7 @@ from geometry_msgs.msg import Twist
 from rclpy.publisher import Publisher
 from std_srvs.srv import Empty, Trigger
 
-from flatsat_ros.base.errors import FlatsatError, refusal
+from flatsat_ros.base.errors import refusal
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot
 from flatsat_ros.nodes import crazyswarm
 from flatsat_ros.nodes.ros import interfaces, messages
@@ -66,7 +66,6 @@ class SimDrone(ProgramNode):
             robot: _Drone(fleet, number) for fleet, members in self._fleets for number, robot in enumerate(members)
         }
         self._drones = [drones[robot] for robot in range(len(self.robots))]
-        self._refused = [0] * len(self.robots)
         self._pose = messages.pose_message()
         self._pose_publishers: list[Publisher] = []
         self._battery_publishers: list[Publisher] = []
@@ -185,10 +184,8 @@ class SimDrone(ProgramNode):
         """Give drones a command for their high-level commanders."""
         self._advance()
         for index in indices:
-            try:
+            with self.faults.contain(f"{self.robots[index]}/command"):
                 command(self._drones[index], request)
-            except FlatsatError as error:
-                self.get_logger().error(f"{self.robots[index]}: command ignored: {error}")
         return answer
 
     def _stop(self, indices: Iterable[int], answer: Empty.Response) -> Empty.Response:
@@ -213,12 +210,8 @@ class SimDrone(ProgramNode):
     def _on_command(self, index: int, message: Twist) -> None:
         """Hand a set-point over as it is: NaN angles as well, which the firmware does not check either."""
         self._advance()
-        try:
-            fleet, number = self._drones[index]
-            fleet.command(number, *messages.command_from_message(message))
-        except FlatsatError as error:
-            self._refused[index] += 1
-            self.get_logger().error(f"{self.robots[index]}: command ignored: {error}", throttle_duration_sec=1.0)
+        fleet, number = self._drones[index]
+        fleet.command(number, *messages.command_from_message(message))
 
     def _advance(self) -> None:
         """Bring the simulation up to the clock, as far as one step may, and publish the poses that are due."""
@@ -243,7 +236,7 @@ class SimDrone(ProgramNode):
         paused = (self._epoch - self._started) / messages.NANOSECONDS
         infos = {fleet: fleet.firmware.info() for fleet, _ in self._fleets}
         reports = []
-        for robot, (fleet, number), refused in zip(self.robots, self._drones, self._refused, strict=True):
+        for robot, (fleet, number) in zip(self.robots, self._drones, strict=True):
             level, text = _condition(fleet.firmware, number)
             values = {
                 "state": State(fleet.firmware.state[number]).name,
@@ -252,7 +245,7 @@ class SimDrone(ProgramNode):
                 "tumbled": bool(fleet.firmware.tumbled[number]),
                 "battery V": f"{fleet.power.voltage[number]:.2f}",
                 "on the floor": bool(fleet.bodies.grounded[number]),
-                "commands ignored": refused,
+                "commands ignored": self.faults.count(robot),
                 "paused s": f"{paused:.2f}",
             }
             reports.append(Report(robot, robot, level, text, values))

@@ -354,6 +354,7 @@ def test_a_drone_that_comes_late_and_answers_late_flies(simulate: Simulate, lab:
     old = lab.stream("cf1", WireSetpoint(0.0, 0.0, 0.0, 50000.0))
     lab.wait(lambda: status and "refused" in status[-1].message, "a report that nobody answers")
     old.cancel()
+    lab.withdraw(interfaces.COMMAND, "cf1")
     lab.listen(0.5)
     drones.switch_on()
     lab.wait(lambda: len(poses) > 10, "poses")
