@@ -18,7 +18,7 @@ from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.conductor import MODE, Conductor
 from flatsat_ros.nodes.fault_relay import UPSTREAM
-from flatsat_ros.nodes.ros import interfaces, messages
+from flatsat_ros.nodes.ros import cdr, interfaces, messages
 
 CONTROLLER, RELAY = interfaces.CONTROLLER_NODE, "fault_relay"
 _KINDS = {interfaces.EMERGENCY: Empty, interfaces.REBOOT: Trigger, "land": Trigger}
@@ -54,7 +54,7 @@ class FaultLab(Conductor):
 
     def heights(self) -> FloatArray:
         """Return the newest true height of each drone, (N,), m."""
-        return np.array([messages.pose_from_cdr(self._newest[_truth(robot)])[1][2] for robot in self._robots])
+        return np.array([cdr.pose_from_cdr(self._newest[_truth(robot)])[1][2] for robot in self._robots])
 
     def ask_landing(self, index: int) -> Future:
         """Ask the controller to land one robot."""
