@@ -141,7 +141,6 @@ class ControllerNode(ProgramNode):
 
     def finish(self) -> None:
         """Send the last safe commands: level and sinking in the air, zero thrust otherwise; nothing to idle drones."""
-        self._stamps.look()
         for index in range(len(self.robots)):
             self._send(index, self._pilot.last_command)
         end = time.monotonic() + _ENDING_TIME
@@ -262,7 +261,8 @@ class ControllerNode(ProgramNode):
         self._log.clock(self._stamps.look())
 
     def _on_tick(self) -> None:
-        self._look_at_clock()
+        with self.faults.contain("clock"):
+            self._look_at_clock()
         tick = self._step()
         for index in range(len(self.robots)):
             self._send(index, self._silence if tick is None else tick.command)
@@ -277,7 +277,7 @@ class ControllerNode(ProgramNode):
                 return self._pilot.tick(self._stamps.now)
             self._broken = True
             for index in range(len(self.robots)):
-                self._last_resort.begin(index, self._stamps.now)
+                self._last_resort.begin(index)
             self.get_logger().fatal("every drone in the air goes down level, by what was sent before")
         return None
 
@@ -287,7 +287,7 @@ class ControllerNode(ProgramNode):
 
     def _send(self, index: int, command_of: Callable[[int], Command | None]) -> None:
         """Send a drone its command, or its last resort where there is none to be had."""
-        robot, now = self.robots[index], self._stamps.now
+        robot = self.robots[index]
         if self._last_resort.since[index] is None:
             with self.faults.contain(f"{robot}/command"):
                 command = command_of(index)
@@ -295,11 +295,11 @@ class ControllerNode(ProgramNode):
                     vehicle = self._vehicles[index]
                     setpoint = setpoint_from_command(*command, vehicle, self._backend, self._yaw_mode)
                     self._publish(index, setpoint)
-                    self._last_resort.note(index, setpoint, now)
+                    self._last_resort.note(index, setpoint)
                 return
-            self._last_resort.begin(index, now)
+            self._last_resort.begin(index)
         with self.faults.contain(f"{robot}/last resort"):
-            last = self._last_resort.setpoint(index, now)
+            last = self._last_resort.setpoint(index)
             if last is not None:
                 self._publish(index, last)
 

@@ -5,7 +5,9 @@ It shares no code with the control step and knows nothing of poses: what it goes
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+import time
+from collections.abc import Callable, Sequence
 
 from flatsat_ros.crazyflie.wire import WireSetpoint
 
@@ -27,23 +29,25 @@ class LastResort:
         since: when each drone's last resort began, s, None where it has not.
     """
 
-    def __init__(self, hover: Sequence[float], *, keeps_yaw: bool) -> None:
+    def __init__(self, hover: Sequence[float], *, keeps_yaw: bool, clock: Callable[[], float] = time.monotonic) -> None:
         """Begin with nothing sent.
 
         Args:
             hover: (N,) thrust that carries each drone according to its profile, PWM: where the average begins.
             keeps_yaw: the yaw on the wire is an angle, to be kept; else it is a rate, and becomes zero.
+            clock: shows s and is never set.
         """
         count = len(hover)
         self.since: list[float | None] = [None] * count
         self._hover = list(hover)
-        self._keeps_yaw = keeps_yaw
+        self._keeps_yaw, self._clock = keeps_yaw, clock
         self._thrust = [0.0] * count  # averaged, PWM
         self._yaw = [0.0] * count
-        self._sent = [-_SILENCE] * count  # when, s
+        self._sent = [-math.inf] * count  # when, s
 
-    def note(self, index: int, setpoint: WireSetpoint, now: float) -> None:
-        """Remember what was sent to a drone at a time, s."""
+    def note(self, index: int, setpoint: WireSetpoint) -> None:
+        """Remember what is sent to a drone."""
+        now = self._clock()
         elapsed, self._sent[index] = now - self._sent[index], now
         if setpoint.thrust == 0.0:
             self._thrust[index] = 0.0
@@ -53,20 +57,20 @@ class LastResort:
             self._thrust[index] += min(elapsed / _MEMORY, 1.0) * (setpoint.thrust - self._thrust[index])
         self._yaw[index] = setpoint.yaw if self._keeps_yaw else 0.0
 
-    def begin(self, index: int, now: float) -> None:
-        """Let a drone go down from now on, s; for good."""
+    def begin(self, index: int) -> None:
+        """Let a drone go down from now on, for good."""
         if self.since[index] is None:
-            self.since[index] = now
+            self.since[index] = self._clock()
 
-    def setpoint(self, index: int, now: float) -> WireSetpoint | None:
-        """Return what a drone is told at a time, s: level and sinking if it flew, then zero thrust, then nothing.
+    def setpoint(self, index: int) -> WireSetpoint | None:
+        """Return what a drone is told now: level and sinking if it flew, then zero thrust, then nothing.
 
         Nothing from the first as well for a drone that was sent nothing when its last resort began.
         """
         since = self.since[index]
         if since is None or since - self._sent[index] >= _SILENCE:
             return None
-        elapsed, descent = now - since, _DESCENT if self._thrust[index] > 0.0 else 0.0
+        elapsed, descent = self._clock() - since, _DESCENT if self._thrust[index] > 0.0 else 0.0
         if elapsed >= descent + _REST:
             return None
         thrust = (_SHARE - _FALL * elapsed) * self._thrust[index] if elapsed < descent else 0.0

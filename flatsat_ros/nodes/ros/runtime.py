@@ -168,7 +168,8 @@ def run(make_node: Callable[[], ProgramNode], arguments: Sequence[str] | None = 
                 spin_once(executor, node.faults, _PATIENCE)
             _shut_down(node, executor, signals)
         finally:
-            node.finish()
+            with node.faults.contain("finish"):
+                node.finish()
             executor.shutdown()
             node.destroy_node()
             rclpy.try_shutdown()
