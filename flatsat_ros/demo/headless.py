@@ -14,7 +14,7 @@ from flatsat_ros.demo.record import FlightRecord, RobotRecord
 from flatsat_ros.demo.scenario import GAMMA_0, MU, POSE_NOISE, V_INF, VEHICLE, Scenario, record_of
 from flatsat_ros.flight import telemetry
 from flatsat_ros.flight.pilot import Pilot, Tick
-from flatsat_ros.flight.supervisor import Mode, Policy
+from flatsat_ros.flight.supervisor import GoalMode, Mode, Policy
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.closed_loop import fly as fly_simulated
@@ -57,7 +57,9 @@ class _Simulation(Stage):
         self._scenario = scenario
         self._vehicle = load_vehicle(VEHICLE)
         tuning = Tuning(MU, V_INF, GAMMA_0, certificate.gain_max, restart=False)
-        self._pilot = Pilot(certificate, tuning, Policy(disturbance_max=scenario.disturbance_max), count)
+        self._pilot = Pilot(
+            certificate, tuning, Policy(disturbance_max=scenario.disturbance_max, goal_mode=GoalMode.STEP), count
+        )
         self._fleet = SimulatedFleet(
             self._vehicle,
             count,

@@ -34,6 +34,8 @@ def commands_of(scenario: Scenario, namespace: str) -> dict[str, list[str]]:
                 "gamma_0": repr(GAMMA_0),
                 "takeoff_height": repr(scenario.height),
                 "restart_gain": "false",
+                "goal_mode": "step",
+                "thrust_error_max": "0.0",
                 "disturbance_max": repr(scenario.disturbance_max),
             },
         )

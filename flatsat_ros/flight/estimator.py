@@ -19,6 +19,7 @@ from itertools import chain
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.flight.plausibility import Fault, PoseScreen, yaw_and_tilt
 
 # standard deviation of a measured position, m
 _POSITION_NOISE = 1e-3
@@ -33,16 +34,13 @@ _SETTLED_VELOCITY = 0.25
 # an innovation beyond this many standard deviations plus this distance (m) is a jump, not noise
 _GATE_DEVIATIONS = 6.0
 _GATE_DISTANCE = 0.05
+# a jump that ends so near, m, to where another drone was seen within this time, s, is that drone
+_EXCHANGED_DISTANCE = 0.25
+_EXCHANGED_TIME = 30.0
 # so many jumps in a row mean that the drone really is elsewhere
 _JUMPS_TO_RESTART = 5
 # silence (s) after which the old velocity says nothing any more: no estimate predicts further
 PREDICTION_MAX = 0.5
-# a quaternion's norm may differ from 1 by this much
-_QUATERNION_TOLERANCE = 0.1
-# a stamp may be ahead of the arrival by this much, s: clocks of two machines differ a little
-_CLOCK_TOLERANCE = 0.1
-# sum of coordinates, m, beyond which a position is a fault
-_FARTHEST = 1e4
 
 
 class Estimator:
@@ -52,6 +50,7 @@ class Estimator:
 
     Attributes:
         yaw: (N,) psi, rad, from the last valid orientation; 0 before the first.
+        tilt: (N,) angle of the body's z axis to the vertical, rad, likewise; NaN before the first.
         newest: (N,) stamp of the newest accepted measurement, -inf before the first.
         rejected: (N,) number of measurements refused so far.
     """
@@ -59,7 +58,10 @@ class Estimator:
     def __init__(self, count: int) -> None:
         self._filters = [_Filter() for _ in range(count)]
         self._commands: deque[tuple[float, FloatArray, list[list[float]]]] = deque()
+        self._screen = PoseScreen(count)
+        self._airborne = [False] * count
         self.yaw = np.zeros(count)
+        self.tilt = np.full(count, np.nan)
         self.newest = np.full(count, -np.inf)
         self.rejected = np.zeros(count, dtype=int)
 
@@ -76,31 +78,49 @@ class Estimator:
             now: the present, when it is taken in, s.
 
         Returns:
-            Whether it was accepted. Refused, and counted: a position or stamp that is not finite or beyond 10 km, a
-            stamp that is not newer than the newest one (a duplicate, or late) or lies in the future, and a jump until
-            it has lasted for several measurements.
+            Whether it was accepted. Refused, and counted: what cannot be true (`flight.plausibility`), a stamp that is
+            not newer than the newest one (a duplicate, or late), and a jump until it has lasted for several
+            measurements.
         """
         newest = float(self.newest[index])
-        x, y, z = position
-        plausible = abs(x) + abs(y) + abs(z) <= _FARTHEST and newest < stamp <= now + _CLOCK_TOLERANCE
-        accepted = plausible and self._filter(index, newest, stamp, position)
-        if not accepted:
+        commanded = self._commands[-1][2][index] if self._airborne[index] else (0.0, 0.0, 0.0)
+        fault, amount = (
+            self._screen.refuse(index, stamp, position, quaternion, now, newest, math.hypot(*commanded)),
+            stamp - now,
+        )
+        if fault is None:
+            amount = math.dist(position, self._filters[index].mean[:3])
+            fault = self._filter(index, newest, stamp, position)
+        if fault is not None:
+            self._screen.complain(index, fault, now, amount)
             self.rejected[index] += 1
             return False
+        self._screen.note(index, stamp, now)
         self.newest[index] = stamp
-        qx, qy, qz, qw = quaternion
-        norm = math.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
-        if abs(norm - 1.0) <= _QUATERNION_TOLERANCE:
-            self.yaw[index] = math.atan2(2.0 * (qw * qz + qx * qy), norm * norm - 2.0 * (qy * qy + qz * qz))
+        attitude = yaw_and_tilt(quaternion)
+        if attitude is not None:
+            self.yaw[index], self.tilt[index] = attitude
         return True
+
+    def complaints(self) -> list[tuple[int, str]]:
+        """Return what is to be told about poses, drone and text, once per event."""
+        return self._screen.complaints()
 
     def restart(self) -> None:
         """Forget all measurements and commands, as after a step of the clock."""
         self.newest[:] = -np.inf
         self._commands.clear()
 
-    def command(self, t: float, acceleration: FloatArray) -> None:
-        """Note the acceleration (N, 3), m/s^2, that is commanded from time t (s, never decreasing) on."""
+    def command(self, t: float, acceleration: FloatArray, airborne: np.ndarray | None = None) -> None:
+        """Note what is commanded from now on.
+
+        Args:
+            t: s, never decreasing.
+            acceleration: (N, 3) m/s^2.
+            airborne: (N,) who is in the air, where nothing keeps it from moving; nobody by default.
+        """
+        if airborne is not None:
+            self._airborne = airborne.tolist()
         self._commands.append((t, acceleration, acceleration.tolist()))
         while len(self._commands) > 1 and self._commands[1][0] < t - PREDICTION_MAX:
             self._commands.popleft()
@@ -137,12 +157,14 @@ class Estimator:
         settled = np.array([f.c11 <= _SETTLED_VELOCITY**2 for f in self._filters])
         return np.asarray((now - self.newest <= timeout) & settled)
 
-    def _filter(self, index: int, newest: float, stamp: float, position: Sequence[float]) -> bool:
-        """Predict drone index to stamp and correct by position; return whether it was taken."""
+    def _filter(self, index: int, newest: float, stamp: float, position: Sequence[float]) -> Fault | None:
+        """Predict drone index to stamp and correct by position; return why it was not taken."""
         state = self._filters[index]
         if stamp - newest > PREDICTION_MAX:
+            if newest > -math.inf and self._is_another(index, stamp, position):
+                return Fault.EXCHANGED
             state.restart(position)
-            return True
+            return None
         push = [0.0, 0.0, 0.0]
         shift = [0.0, 0.0, 0.0]
         end = stamp
@@ -156,7 +178,17 @@ class Estimator:
                 end -= span
             if begin <= newest:
                 break
-        return state.advance(stamp - newest, position, push, shift)
+        if state.advance(stamp - newest, position, push, shift):
+            return None
+        if self._is_another(index, stamp, position):
+            state.jumps = 0  # it is no jump that may last: the drone is where the other one's poses say
+            return Fault.EXCHANGED
+        return Fault.JUMP
+
+    def _is_another(self, index: int, stamp: float, position: Sequence[float]) -> bool:
+        """Tell whether a position is where another drone was seen lately, and not this one."""
+        lately = [i for i, newest in enumerate(self.newest) if i != index and stamp - newest < _EXCHANGED_TIME]
+        return not self._filters[index].fits(position) and any(self._filters[i].fits(position) for i in lately)
 
 
 class _Filter:
@@ -178,6 +210,11 @@ class _Filter:
         self.c00, self.c11, self.c22 = _POSITION_NOISE**2, _START_VELOCITY**2, _START_DISTURBANCE**2
         self.c01 = self.c02 = self.c12 = 0.0
         self.jumps = 0
+
+    def fits(self, position: Sequence[float]) -> bool:
+        """Tell whether a position is near to where this drone was seen last, or below."""
+        x, y, z = self.mean[:3]
+        return math.hypot(position[0] - x, position[1] - y) <= _EXCHANGED_DISTANCE >= position[2] - z
 
     def advance(self, t: float, position: Sequence[float], push: list[float], shift: list[float]) -> bool:
         """Predict over t seconds, in which commands add push (m/s) and shift (m), then correct by the position.

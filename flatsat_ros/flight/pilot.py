@@ -8,16 +8,16 @@ from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import FlatsatError, require_positive
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.flight.detectors import LiftOffDetector, TouchDownDetector
 from flatsat_ros.flight.estimator import Estimator
 from flatsat_ros.flight.guarantee import Assessment, GuaranteeMonitor
-from flatsat_ros.flight.references import References
-from flatsat_ros.flight.supervisor import Mode, Policy, Supervisor, Transition
-from flatsat_ros.flight.thrust import ThrustScale
+from flatsat_ros.flight.guidance import Guidance
+from flatsat_ros.flight.senses import Senses
+from flatsat_ros.flight.supervisor import AIRBORNE, GoalMode, Mode, Policy, Supervisor, Transition, YawSource
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.flight.yaw import YawControl
 from flatsat_ros.law.controller import Controller, Memory, Output
@@ -26,15 +26,12 @@ from flatsat_ros.law.gain import Tuning
 # of a reference's margin, this much at most may be spent on a disturbance; the rest is left to steer with
 _COMPENSATED_SHARE = 0.5
 _TINY = 1e-300
+# a thrust of this share of T_max is at its limit
+_FULL = 0.98
+# a drone that stands is tilted by less than this, rad
+_TILTED = 0.7
 
-# A landing reference sinks at most this fast, m/s, to this depth, m, below z = 0 (or below itself, should it be lower).
-_LANDING_SPEED = 0.4
-_LANDING_DEPTH = 0.6
-
-_FLY, _LEVEL = Mode.FLY.value, Mode.LEVEL.value  # numpy compares with these ten times faster
-
-# an upward acceleration of this much, m/s^2, is a command to climb
-_CLIMB = 0.5
+_FLY, _LEVEL, _DESCEND = (mode.value for mode in AIRBORNE)  # numpy compares with these ten times faster
 
 
 class Command(NamedTuple):
@@ -55,13 +52,26 @@ class Command(NamedTuple):
     yaw: float
 
 
+class Report(NamedTuple):
+    """Something that people should know of one drone.
+
+    Attributes:
+        drone: its index.
+        text: what, with the value and the limit.
+    """
+
+    drone: int
+    text: str
+
+
 @dataclass(frozen=True, eq=False)
 class Tick:
     """The outcome of one tick for N drones.
 
     Attributes:
         mode: (N,) values of `Mode`.
-        input: (N, 3) commanded (T, phi, theta): m/s^2, rad, rad; zero thrust in UNLOCK and CUT, level in LEVEL.
+        input: (N, 3) commanded (T, phi, theta): m/s^2, rad, rad; level in LEVEL and DESCEND, zero thrust in all other
+            modes but FLY.
         yaw_rate: (N,) commanded psi rate, rad/s, counter-clockwise.
         yaw: (N,) commanded psi in [-pi, pi], rad, for drones that take an angle; it leads them by a limited angle.
         output: the law's output; it is the command in FLY only.
@@ -70,6 +80,7 @@ class Tick:
         thrust_scale: (N,) estimated actual thrust over the thrust that is asked for.
         assessment: where the drones are in the certified sets; of meaning for drones in FLY only.
         transitions: the changes of modes since the tick before, and why.
+        reports: what else people should know, once per event.
         duration: computation time of the tick, s.
     """
 
@@ -83,6 +94,7 @@ class Tick:
     thrust_scale: FloatArray
     assessment: Assessment
     transitions: tuple[Transition, ...]
+    reports: tuple[Report, ...]
     duration: float
 
     def command(self, index: int) -> Command | None:
@@ -109,19 +121,17 @@ class Pilot:
         self.estimator = Estimator(count)
         self._policy = policy
         self._supervisor = Supervisor(policy, count)
-        self._references = References(count)
-        self._touch_down = TouchDownDetector(count)
-        self._lift_off = LiftOffDetector(count, policy.lift_off_time)
-        self._thrust = ThrustScale(count, policy.thrust_error_max)
-        self._yaw = YawControl(count)
+        self._guidance = Guidance(certificate.limits, policy.speed_max, policy.box, count)
+        self._senses = Senses(certificate, policy, count)
         self._monitor = GuaranteeMonitor(certificate, count)
+        self._yaw = YawControl(count)
         self._controller = Controller(certificate, _spread(tuning, count))
         self.memory = self._controller.start()
         self._restarts = np.zeros(count, dtype=bool)  # a new reference may restart the gain
-        self._climbing = np.zeros(count, dtype=bool)  # told to climb at the last tick
-        # of the last tick
-        self._now = -np.inf
+        self._now = -np.inf  # of the last tick, as are the next ones
         self._state, self._usable = np.zeros((count, 6)), np.zeros(count, dtype=bool)
+        self._full = np.zeros(count, dtype=bool)  # thrust at its limit
+        self._reports: list[Report] = []  # made between two ticks
 
     @property
     def mode(self) -> np.ndarray:
@@ -134,21 +144,50 @@ class Pilot:
         self._controller = controller
         self.memory = Memory(np.minimum(self.memory.gain, controller.tuning.gain_max))
 
-    def set_reference(self, index: int, trajectory: Trajectory) -> None:
-        """Give drone index a new reference; it takes off if it rests, and no longer lands.
+    def set_goal(self, index: int, position: ArrayLike, yaw: float = 0.0) -> None:
+        """Give drone index a goal (3,), m, to rest at, and a yaw, rad; it takes off if it rests, and no longer lands.
 
         Raises:
-            FlatsatError: the reference leaves no margin inside the input set, or the drone is disarmed.
+            FlatsatError: goal or yaw is not finite, the goal is outside the box, or the drone must not take off.
         """
-        self._follow(index, trajectory, patient=True)
-
-    def _follow(self, index: int, trajectory: Trajectory, *, patient: bool) -> None:
+        if self._policy.goal_mode is GoalMode.STEP:
+            self.set_reference(index, Trajectory.hold(position, yaw))
+            return
         self._supervisor.require_armed(index)
-        margin = trajectory.require_margin(self.certificate.limits)
-        self._references.assign(index, trajectory, margin)
+        self._guidance.go_to(index, position, float(finite_array("yaw", yaw)))
+        self._begin(index, patient=True)
+
+    def set_reference(self, index: int, trajectory: Trajectory) -> None:
+        """Give drone index a trajectory; it takes off if it rests, and no longer lands.
+
+        Raises:
+            FlatsatError: it leaves the box or no margin inside the input set, or the drone must not take off.
+        """
+        self._supervisor.require_armed(index)
+        path_mode = self._policy.goal_mode is GoalMode.PATH
+        if path_mode and trajectory.times.size == 1:
+            self.set_goal(index, trajectory.end, trajectory.yaw)
+            return
+        if path_mode and self.mode[index] == _FLY:
+            self._guidance.require_near(index, trajectory, self._now)
+        self._guidance.follow(index, trajectory)
+        self._begin(index, patient=True)
+
+    def _begin(self, index: int, *, patient: bool) -> None:
+        """Let a new reference of drone index be flown."""
         self._supervisor.request(index, patient=patient)
-        self._touch_down.end(index)
         self._restarts[index] = True
+        if self.mode[index] == _FLY:
+            self._guidance.replan(index, self._now)
+
+    def hold(self, index: int) -> None:
+        """Let drone index brake and stay where it comes to rest.
+
+        Raises:
+            FlatsatError: it does not fly.
+        """
+        self._supervisor.require_mode(index, Mode.FLY, purpose="hold its place")
+        self._guidance.brake(index, self._now)
 
     def arm(self, index: int, armed: bool) -> None:
         """Allow drone index to take off, or forbid it; all are armed at first.
@@ -166,42 +205,64 @@ class Pilot:
         """Tell whether drone index was armed on the ground and its thrust lock is about to be opened."""
         return bool(self._supervisor.unlocking[index])
 
-    def _is_high(self, index: int) -> bool:
-        """Tell whether drone index is known to be above the ground."""
-        return bool(self._usable[index] and self._state[index, 2] >= self._policy.ground_height)
-
     def take_off(self, index: int, height: float) -> None:
         """Send drone index straight up by height, m, from where it stands.
 
         Raises:
-            FlatsatError: it does not stand, its pose is not known, it is disarmed, or the height is not above 0.
+            FlatsatError: it does not stand, its pose is not known, it must not take off, the height is not above 0 or
+                ends outside the box.
         """
         self._supervisor.require_armed(index)
         place, mode = self._state[index, :3], Mode(self.mode[index])
-        if mode not in (Mode.IDLE, Mode.UNLOCK, Mode.CUT) or self._is_high(index):
+        if mode not in (Mode.IDLE, Mode.UNLOCK, Mode.CUT) or self._senses.moves(index, self._state[index]):
             raise FlatsatError(f"the drone is in {mode.name} at z = {place[2]:.2f} m: only one on the ground takes off")
         if not self._usable[index]:
             raise FlatsatError("the drone's pose is not known: it needs fresh poses to take off")
+        if reason := self._unready(index):
+            raise FlatsatError(reason)
         climb = np.array([0.0, 0.0, require_positive("height", height, "m")])
-        self._follow(index, Trajectory.hold(place + climb, float(self.estimator.yaw[index])), patient=False)
+        yaw = float(self.estimator.yaw[index])
+        if self._policy.goal_mode is GoalMode.STEP:
+            self._guidance.follow(index, Trajectory.hold(place + climb, yaw))
+        else:
+            self._guidance.go_to(index, place + climb, yaw)
+        self._begin(index, patient=False)
+
+    def _unready(self, index: int) -> str:
+        """Return why drone index must not take off though its pose is known; empty if it may."""
+        tilt = float(self.estimator.tilt[index])
+        if np.isnan(tilt) and self._policy.yaw_source is YawSource.MEASURED:
+            return "its orientation was never seen: take-off needs it, unless yaw_source is assumed"
+        if tilt > _TILTED:
+            return f"it is tilted by {np.degrees(tilt):.0f} deg: must be at most {np.degrees(_TILTED):.0f}; is z up?"
+        return ""
+
+    def _unready_all(self) -> np.ndarray:
+        """Tell who must not take off though its pose is known, (N,); see `_unready`."""
+        tilt = self.estimator.tilt
+        unseen = np.isnan(tilt) if self._policy.yaw_source is YawSource.MEASURED else np.zeros(tilt.size, dtype=bool)
+        return unseen | (tilt > _TILTED)
 
     def land(self, index: int) -> None:
-        """Let drone index sink until it stands on something, then rest.
+        """Let drone index brake, sink where it is until something carries it, then rest.
 
         Raises:
-            FlatsatError: it does not fly.
+            FlatsatError: it is not in the air.
         """
-        self._supervisor.require_mode(index, Mode.FLY, Mode.LEVEL, purpose="land")
-        above = self._references.sample(self._now)[index, :3]
-        offset = float(self._state[index, 2] - above[2])
-        below = above - [0.0, 0.0, max(above[2], 0.0) + max(offset, 0.0) + _LANDING_DEPTH]
-        time = 1.875 * (above[2] - below[2]) / _LANDING_SPEED  # the quintic's top speed is 1.875 times its mean
-        rest, begin = np.zeros((2, 3)), self._now
-        yaw = float(self._references.yaw[index])
-        self._follow(index, Trajectory.through([begin, begin + time], [above, below], rest, rest, yaw), patient=True)
-        # a landing keeps its gain: with a smaller one the drone would rise above the reference first
-        self._restarts[index] = False
-        self._touch_down.begin(index, offset)
+        self._supervisor.require_mode(index, *AIRBORNE, purpose="land")
+        self._guidance.land(index, self._now)
+
+    def retire(self) -> None:
+        """Land every drone that is in the air where it is, and let none take off any more."""
+        for index, mode in enumerate(self.mode):
+            if mode in AIRBORNE:
+                self._guidance.land(index, self._now)
+            self._supervisor.withdraw(index)
+
+    @property
+    def height(self) -> FloatArray:
+        """(N,) estimated z of the last tick, m."""
+        return self._state[:, 2]
 
     def hand_over(self, index: int) -> None:
         """Fall silent about drone index in flight: from now on somebody else must command it, within 0.5 s.
@@ -210,7 +271,7 @@ class Pilot:
             FlatsatError: it does not fly.
         """
         self._supervisor.release(index)
-        self._touch_down.end(index)
+        self._guidance.landing[index] = False
 
     def measure(
         self, index: int, stamp: float, position: Sequence[float], quaternion: Sequence[float], now: float
@@ -224,40 +285,43 @@ class Pilot:
         if now < self._now:
             self.estimator.restart()
             self._supervisor.set_clock_back(now)
+            self._senses.set_clock_back(now)
         self._now = now
         estimated = self.estimator.estimate(now)
         state, estimate = estimated[:, :6], estimated[:, 6:]
         self._state = state
         usable = self._usable = self.estimator.usable(now, self._policy.pose_timeout)
-        reference = self._references.sample(now)
-        transitions = self._supervisor.advance(
-            now,
-            state[:, 2],
-            usable,
-            self._touch_down.standing(now, state, reference),
-            self._lift_off.held(now, state[:, 2], self._climbing),
-        )
+        grounded = ~np.isin(self.mode, AIRBORNE)
+        ready = usable & ~(grounded & self._unready_all()) if np.count_nonzero(grounded) else usable
+        sight = self._senses.look(now, estimated, ready, self.mode, self._guidance)
+        transitions = self._supervisor.advance(now, sight)
         if transitions:
-            self._take(transitions)
+            self._take(transitions, estimated)
         flying = self.mode == _FLY
+        references = self._guidance.references
+        reference = references.sample(now)
+        self._guidance.update(now, state, reference, flying, self._full)
+        for index, text in self._guidance.outside(state):
+            if flying[index]:
+                self._guidance.land(index, now)
+                self._reports.append(Report(index, f"{text}: it brakes and lands"))
 
         disturbance, spent = self._compensate(estimate, flying)
         base = reference.copy()
         base[:, 6:] -= disturbance
         output = self._steer(base, flying)
-        level = self.mode == _LEVEL
-        yaw_rate = self._yaw.turn(self.estimator.yaw, self._references.yaw, flying, level)
-        command, acceleration = self._command(output, flying, level)
+        level = (self.mode == _LEVEL) | (self.mode == _DESCEND)
+        yaw_rate = self._yaw.turn(self.estimator.yaw, references.yaw, flying, level)
+        command, acceleration = self._command(now, output, flying, level)
 
-        margin = self._references.margin - spent
-        fixed = self._references.at_rest & (spent == 0.0)
+        margin = references.margin - spent
+        fixed = references.at_rest & (spent == 0.0)
         assessment = self._monitor.assess(output.error, margin, fixed)
         self._monitor.follow(acceleration - np.where(flying[:, np.newaxis], base[:, 6:], 0.0))
-        upward = acceleration[:, 2] + self.certificate.limits.gravity
-        high = state[:, 2] >= self._policy.ground_height
-        self._thrust.learn(upward, estimate[:, 2], flying & high, self.certificate.period)
-        self._climbing = flying & (acceleration[:, 2] >= _CLIMB)
-        self.estimator.command(now, acceleration)
+        free = self._senses.note(acceleration, estimated, flying, self.certificate.period)
+        self._full = command[:, 0] >= _FULL * self.certificate.limits.thrust_max
+        self.estimator.command(now, acceleration, free)
+        reports, self._reports = self._reports, []
         return Tick(
             mode=self.mode.copy(),
             input=command,
@@ -266,21 +330,30 @@ class Pilot:
             output=output,
             reference=reference,
             disturbance=disturbance,
-            thrust_scale=self._thrust.cautious(flying),
+            thrust_scale=self._senses.thrust.cautious(flying),
             assessment=assessment,
             transitions=transitions,
+            reports=tuple(reports + [Report(*complaint) for complaint in self.estimator.complaints()]),
             duration=perf_counter() - begin,
         )
 
-    def _take(self, transitions: Sequence[Transition]) -> None:
+    def _take(self, transitions: Sequence[Transition], estimated: FloatArray) -> None:
         """Let the parts know of the drones that changed their mode."""
         gain, initial = self.memory.gain.copy(), self._controller.tuning.gain_initial
         for index, before, after, _ in transitions:
-            if after in (Mode.CUT, Mode.REST):
-                self._touch_down.end(index)
-            elif after is Mode.UNLOCK:
-                self._lift_off.begin(index, float(self._state[index, 2]))
-            elif after is Mode.FLY and before is not Mode.LEVEL:
+            ground = self._senses.enter(index, before, after, estimated[index], self._now, self._guidance)
+            if ground is not None:
+                self._guidance.ground[index] = ground
+            if after is Mode.FLY:
+                if before is Mode.DESCEND:
+                    self._guidance.landing[index] = True
+                if before not in (Mode.LEVEL, Mode.DESCEND):
+                    gain[index] = initial[index]
+                if self._policy.goal_mode is GoalMode.PATH:
+                    text = self._guidance.start(index, estimated[index, :6], self._now)
+                    self._reports += [Report(index, text)] if text else []
+            elif after in (Mode.CUT, Mode.REST, Mode.FALLEN):
+                self._guidance.landing[index] = False
                 gain[index] = initial[index]
         self.memory = Memory(gain)
 
@@ -297,15 +370,19 @@ class Pilot:
         self.memory = Memory(np.where(flying, memory.gain, self.memory.gain))
         return output
 
-    def _command(self, output: Output, flying: np.ndarray, level: np.ndarray) -> tuple[FloatArray, FloatArray]:
-        """Return input and acceleration of each mode: the law's in FLY, level in LEVEL, else zero."""
+    def _command(
+        self, now: float, output: Output, flying: np.ndarray, level: np.ndarray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return input and acceleration of each mode: the law's in FLY, level without position, else zero."""
         if np.count_nonzero(flying) == flying.size:
             return output.input, output.acceleration
-        flies, gravity = flying[:, np.newaxis], self.certificate.limits.gravity
+        flies = flying[:, np.newaxis]
         command = np.where(flies, output.input, 0.0)
         acceleration = np.where(flies, output.acceleration, 0.0)
-        command[level, 0] = self._policy.level_thrust * gravity
-        acceleration[level, 2] = (self._policy.level_thrust - 1.0) * gravity
+        if np.count_nonzero(level):
+            thrust = self._senses.descent.thrust(now)
+            command[level, 0] = thrust[level]
+            acceleration[level, 2] = thrust[level] - self.certificate.limits.gravity
         return command, acceleration
 
     def last_command(self, index: int) -> Command | None:
@@ -316,15 +393,14 @@ class Pilot:
         mode = Mode(self.mode[index])
         if mode is Mode.IDLE:
             return None
-        airborne = mode in (Mode.FLY, Mode.LEVEL)
-        thrust = self._policy.level_thrust * self.certificate.limits.gravity if airborne else 0.0
-        scale = float(self._thrust.cautious(np.zeros(len(self.mode), dtype=bool))[index])
+        thrust = self._policy.level_thrust * self.certificate.limits.gravity if mode in AIRBORNE else 0.0
+        scale = float(self._senses.thrust.cautious(np.zeros(len(self.mode), dtype=bool))[index])
         return Command(thrust / scale, 0.0, 0.0, 0.0, float(self._yaw.heading[index]))
 
     def _compensate(self, estimate: FloatArray, flying: np.ndarray) -> tuple[FloatArray, FloatArray]:
         """Return the disturbances (N, 3), m/s^2, shortened to what the margins leave over, and their sizes."""
         size = np.sqrt((estimate * estimate).sum(axis=1))
-        most = np.minimum(self._policy.disturbance_max, _COMPENSATED_SHARE * self._references.margin)
+        most = np.minimum(self._policy.disturbance_max, _COMPENSATED_SHARE * self._guidance.references.margin)
         spent = np.where(flying, np.minimum(size, most), 0.0)
         return estimate * (spent / np.maximum(size, _TINY))[:, np.newaxis], spent
 

@@ -22,7 +22,7 @@ class References:
         self.margin = np.full(count, np.inf)
         self._trajectories: list[Trajectory | None] = [None] * count
         # the segment of each trajectory that is flown now: coefficients, time origin, time of its end
-        self._coefficients = np.zeros((count, 6, 3))
+        self._coefficients = np.zeros((count, 8, 3))
         self._origin = np.zeros(count)
         self._until = np.full(count, np.inf)
         self._resting = np.zeros((count, 9))
@@ -47,6 +47,13 @@ class References:
         if self.at_rest.all():
             return self._resting.copy()
         return evaluate(self._coefficients, t - self._origin)
+
+    def motion(self, index: int, t: float) -> FloatArray:
+        """Return position, velocity, acceleration and jerk (4, 3) of drone index's reference at t."""
+        trajectory = self._trajectories[index]
+        if trajectory is None:
+            return np.zeros((4, 3))
+        return np.concatenate([trajectory.sample(t).reshape(3, 3), trajectory.jerk(t)[np.newaxis]])
 
     @property
     def at_rest(self) -> np.ndarray:

@@ -1,14 +1,16 @@
-"""Flight modes: when a drone is steered, when it is levelled and when its motors rest.
+"""Flight modes: when a drone is steered, when it sinks without being steered and when its motors rest.
 
 The state machine of one drone is data: `TABLE` lists for each mode which event leads where, the first that is true
 first. `next_mode` reads it; `Supervisor` keeps the modes and flags of N drones and reports every transition.
 
 IDLE is silent, so that starting the controller never takes a drone away from whoever flies it. A command is computed
-from poses in FLY only. In LEVEL, when the estimate is not usable, the drone is kept level and sinks slowly; with poses
-back in time it flies on. CUT stops the motors and stays until the user gives a new reference. A drone that does not
-lift off is cut, too: its gain grown by then, it would leap when somebody arms it. REST streams zero thrust after a
-landing for longer than the firmware's watchdogs wait: silence right after it would lock the drone until reboot. A drone
-that somebody else shall fly first is unlocked as it is armed: taken over in the air, still locked, it would fall.
+from poses in FLY only. Without poses that can be trusted a drone is held level in LEVEL, for a moment, and then sinks
+without position in DESCEND, for as long as its last known height needs; with poses back it flies on, and lands if it
+had begun to sink. CUT stops the motors and stays until the user gives a new reference. FALLEN does so until a person
+arms the drone again: it did not climb though it was told to, or it fell; its motors would start at a bad moment. REST
+streams zero thrust after a landing for longer than the firmware's watchdogs wait: silence right after it would lock the
+drone until reboot. A drone that somebody else shall fly first is unlocked as it is armed: taken over in the air, still
+locked, it would fall.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ from flatsat_ros.base.errors import (
     require_positive,
 )
 from flatsat_ros.flight.estimator import PREDICTION_MAX
+from flatsat_ros.flight.path import Box
 
 
 class Mode(IntEnum):
@@ -41,6 +44,31 @@ class Mode(IntEnum):
     LEVEL = 3
     CUT = 4
     REST = 5
+    DESCEND = 6
+    FALLEN = 7
+
+
+# modes of drones that are in the air, or may be
+AIRBORNE = (Mode.FLY, Mode.LEVEL, Mode.DESCEND)
+
+# a drone lower than this above the floor, m, stands on it until it has flown
+_STANDING = 0.15
+# a take-off waits so long, s, for poses that are lost
+_TAKE_OFF_PATIENCE = 5.0
+
+
+class GoalMode(str, Enum):
+    """What a goal means: PATH, a path to it that can be followed; STEP, the paper's set-point, at once."""
+
+    PATH = "path"
+    STEP = "step"
+
+
+class YawSource(str, Enum):
+    """Where the yaw comes from: MEASURED, the orientation of the poses; ASSUMED, 0 until an orientation is seen."""
+
+    MEASURED = "measured"
+    ASSUMED = "assumed"
 
 
 @dataclass(frozen=True)
@@ -49,28 +77,41 @@ class Policy:
 
     Attributes:
         pose_timeout: age, s, above which a pose is stale and the drone is levelled; at most estimator.PREDICTION_MAX.
-        level_time: s of level descent without poses before the motors are cut.
+        level_time: s without poses in which the drone is held level before it sinks without position.
         unlock_time: s of zero thrust that open the firmware's thrust lock before take-off.
-        lift_off_time: s of a commanded climb that leave the drone on the ground after which the motors are cut.
+        lift_off_time: s of a commanded climb that leave the drone on the ground, after which it is unlocked once more,
+            the second time taken for fallen.
         rest_time: s of zero thrust after touch-down; the firmware needs more than 1.8 s.
-        ground_height: m, world frame: a drone below it is taken to stand on the ground when its reference arrives.
-        level_thrust: thrust while levelled, as a fraction of gravity, at most 1, so that it sinks slowly.
+        level_thrust: thrust while the drone sinks and nothing is known of its motors, as a fraction of g, at most 1.
+        drag: vertical drag over the mass, 1/s, by which a drone that sinks without position is slowed; 0 if unknown.
         disturbance_max: largest disturbance, m/s^2, that is compensated in flight; 0 is the paper's law.
         thrust_error_max: largest error of the thrust, as a fraction, that is estimated and corrected; 0 estimates none.
+        yaw_source: where the yaw comes from.
+        goal_mode: what a goal means.
+        speed_max: largest speed of paths to goals, m/s, along the horizontal and along the vertical.
+        floor: height of the floor, m, world frame.
+        ceiling: largest height of a reference, m, world frame.
+        walls: smallest x and y, largest x and y of a reference, m, world frame.
 
     Raises:
-        FlatsatError: a time or the fraction is not above 0, a fraction is above its bound, or the height is not finite.
+        FlatsatError: a figure is out of its range; the text names it.
     """
 
     pose_timeout: float = 0.3
-    level_time: float = 3.0
+    level_time: float = 0.5
     unlock_time: float = 0.3
     lift_off_time: float = 3.0
     rest_time: float = 2.5
-    ground_height: float = 0.15
     level_thrust: float = 0.95
+    drag: float = 0.0
     disturbance_max: float = 0.0
     thrust_error_max: float = 0.0
+    yaw_source: YawSource = YawSource.MEASURED
+    goal_mode: GoalMode = GoalMode.PATH
+    speed_max: float = 1.0
+    floor: float = 0.0
+    ceiling: float = 10.0
+    walls: tuple[float, float, float, float] = (-20.0, -20.0, 20.0, 20.0)
 
     def __post_init__(self) -> None:
         seconds = ("pose_timeout", "level_time", "unlock_time", "lift_off_time", "rest_time")
@@ -78,9 +119,21 @@ class Policy:
         age = f"at most {PREDICTION_MAX} s: the estimate predicts no further"
         require(self.pose_timeout <= PREDICTION_MAX, "pose_timeout", self.pose_timeout, "s", age)
         require(self.level_thrust <= 1.0, "level_thrust", self.level_thrust, "g", "at most 1 g, or it would climb")
-        require_fields(self, require_not_negative, disturbance_max="m/s^2")
-        require_fields(self, require_number, ground_height="m")
+        require_fields(self, require_not_negative, disturbance_max="m/s^2", drag="1/s")
+        require_fields(self, require_positive, speed_max="m/s")
         require_number("thrust_error_max", self.thrust_error_max, "", 0.0, 0.5)
+        require_fields(self, require_number, floor="m", ceiling="m")
+        require(self.floor < self.ceiling, "ceiling", self.ceiling, "m", f"above the floor, {self.floor} m")
+        require(len(self.walls) == 4, "walls", self.walls, "m", "four numbers: x_min, y_min, x_max, y_max")
+        for low, high, names in ((0, 2, "x_min and x_max"), (1, 3, "y_min and y_max")):
+            bottom, top = (require_number("walls", self.walls[i], "m") for i in (low, high))
+            require(bottom < top, "walls", self.walls, "m", f"x_min, y_min, x_max, y_max with {names} in rising order")
+
+    @property
+    def box(self) -> Box:
+        """The room for references."""
+        x_min, y_min, x_max, y_max = self.walls
+        return Box(np.array([x_min, y_min, self.floor]), np.array([x_max, y_max, self.ceiling]))
 
 
 @dataclass(frozen=True)
@@ -91,12 +144,17 @@ class Situation:
         elapsed: s since the present mode began.
         policy: the figures.
         usable: the estimate can be flown on.
-        standing: the estimated height is below the ground's.
+        standing: the estimated height is that of something that stands on the floor.
         requested: a reference was given since the motors were last stopped.
         unlocking: it was armed on the ground and shall be unlocked without flying.
-        touched_down: it was asked to land and stands.
+        touched_down: it was asked to land and something carries it.
         held: it was commanded to climb for the lift-off time and has not left the ground.
         retried: it has been unlocked a second time already; the first time its link may not have been there yet.
+        fell: it falls, or lies still, against the command.
+        astray: it does not move as it is commanded to: its poses or its attitude are not what they seem.
+        descended: it has sunk without position for as long as its last known height needs.
+        rearmed: a person armed it.
+        grounded: it was unlocked and has not left the ground yet.
     """
 
     elapsed: float
@@ -108,6 +166,11 @@ class Situation:
     touched_down: bool = False
     held: bool = False
     retried: bool = False
+    fell: bool = False
+    astray: bool = False
+    descended: bool = False
+    rearmed: bool = False
+    grounded: bool = False
 
 
 class Event(Enum):
@@ -117,16 +180,25 @@ class Event(Enum):
     TAKE_OFF = "a reference is there and the drone stands on the ground"
     START_AGAIN = "a new reference is there"
     ARMED = "armed on the ground"
-    NOTHING_TO_DO = "no reference or no usable pose"
+    NOTHING_TO_DO = "nothing to fly"
+    TAKE_OFF_LOST = "the take-off is given up: no usable pose"
     UNLOCKED_TO_FLY = "the thrust lock is open"
     UNLOCKED = "the thrust lock is open, for others to fly"
-    POSE_LOST = "no fresh pose"
+    POSE_LOST = "no fresh pose: held level"
+    POSE_LOST_GROUNDED = "no fresh pose before it has left the ground: it waits"
     POSE_BACK = "poses are back"
+    POSE_BACK_LATE = "poses are back after a descent without them: it lands"
     TOUCHED_DOWN = "touched down"
     HELD = "told to climb, but it did not leave the ground: unlocked once more"
-    HELD_AGAIN = "told to climb, but it did not leave the ground after a second unlocking"
-    LEVEL_TIME_OVER = "no pose for the whole level descent"
+    HELD_AGAIN = (
+        "told to climb, but it did not leave the ground after a second unlocking: motors stopped until armed again"
+    )
+    FELL = "it falls or lies still against the command: motors stopped until armed"
+    ASTRAY = "it does not move as commanded: it sinks without position"
+    LEVEL_TIME_OVER = "still no pose: it sinks without position"
+    DESCENDED = "it has sunk for as long as its last known height needs: motors stopped"
     RESTED = "rested after the landing"
+    REARMED = "armed again"
 
 
 _CONDITIONS: dict[Event, Callable[[Situation], bool]] = {
@@ -134,34 +206,47 @@ _CONDITIONS: dict[Event, Callable[[Situation], bool]] = {
     Event.TAKE_OFF: lambda s: s.usable and s.requested and s.standing,
     Event.START_AGAIN: lambda s: s.usable and s.requested,
     Event.ARMED: lambda s: s.usable and s.unlocking and s.standing,
-    Event.NOTHING_TO_DO: lambda s: not s.usable or not (s.requested or s.unlocking),
-    Event.UNLOCKED_TO_FLY: lambda s: s.requested and s.elapsed >= s.policy.unlock_time,
+    Event.NOTHING_TO_DO: lambda s: not s.requested and not (s.unlocking and s.usable),
+    Event.TAKE_OFF_LOST: lambda s: not s.usable and s.elapsed >= s.policy.unlock_time + _TAKE_OFF_PATIENCE,
+    Event.UNLOCKED_TO_FLY: lambda s: s.usable and s.requested and s.elapsed >= s.policy.unlock_time,
     Event.UNLOCKED: lambda s: not s.requested and s.elapsed >= s.policy.unlock_time,
     Event.POSE_LOST: lambda s: not s.usable,
+    Event.POSE_LOST_GROUNDED: lambda s: not s.usable and s.grounded,
     Event.POSE_BACK: lambda s: s.usable,
+    Event.POSE_BACK_LATE: lambda s: s.usable and not s.astray,
     Event.TOUCHED_DOWN: lambda s: s.touched_down,
     Event.HELD: lambda s: s.held and not s.retried,
     Event.HELD_AGAIN: lambda s: s.held and s.retried,
+    Event.FELL: lambda s: s.fell,
+    Event.ASTRAY: lambda s: s.astray,
     Event.LEVEL_TIME_OVER: lambda s: s.elapsed >= s.policy.level_time,
+    Event.DESCENDED: lambda s: s.descended,
     Event.RESTED: lambda s: s.elapsed >= s.policy.rest_time,
+    Event.REARMED: lambda s: s.rearmed,
 }
 
 TABLE: dict[Mode, tuple[tuple[Event, Mode], ...]] = {
     Mode.IDLE: ((Event.TAKE_OVER, Mode.FLY), (Event.TAKE_OFF, Mode.UNLOCK), (Event.ARMED, Mode.UNLOCK)),
     Mode.UNLOCK: (
         (Event.NOTHING_TO_DO, Mode.IDLE),
+        (Event.TAKE_OFF_LOST, Mode.IDLE),
         (Event.UNLOCKED_TO_FLY, Mode.FLY),
         (Event.UNLOCKED, Mode.IDLE),
     ),
     Mode.FLY: (
+        (Event.POSE_LOST_GROUNDED, Mode.UNLOCK),
         (Event.POSE_LOST, Mode.LEVEL),
+        (Event.ASTRAY, Mode.DESCEND),
+        (Event.FELL, Mode.FALLEN),
         (Event.TOUCHED_DOWN, Mode.REST),
         (Event.HELD, Mode.UNLOCK),
-        (Event.HELD_AGAIN, Mode.CUT),
+        (Event.HELD_AGAIN, Mode.FALLEN),
     ),
-    Mode.LEVEL: ((Event.POSE_BACK, Mode.FLY), (Event.LEVEL_TIME_OVER, Mode.CUT)),
+    Mode.LEVEL: ((Event.POSE_BACK, Mode.FLY), (Event.LEVEL_TIME_OVER, Mode.DESCEND)),
+    Mode.DESCEND: ((Event.POSE_BACK_LATE, Mode.FLY), (Event.DESCENDED, Mode.CUT)),
     Mode.CUT: ((Event.START_AGAIN, Mode.UNLOCK),),
     Mode.REST: ((Event.RESTED, Mode.IDLE),),
+    Mode.FALLEN: ((Event.REARMED, Mode.IDLE),),
 }
 
 
@@ -189,6 +274,30 @@ class Transition(NamedTuple):
     reason: str
 
 
+class Sight(NamedTuple):
+    """What is known of N drones at a tick, (N,) each; see `Situation`.
+
+    Attributes:
+        height: estimated z, m.
+        usable: the estimate can be flown on.
+        touched_down: asked to land, and carried by something.
+        held: told to climb, and still on the ground.
+        fell: falls or lies still against the command.
+        astray: does not move as commanded.
+        descended: has sunk without position for long enough.
+        grounded: has not left the ground since its unlocking.
+    """
+
+    height: FloatArray
+    usable: np.ndarray
+    touched_down: np.ndarray
+    held: np.ndarray
+    fell: np.ndarray
+    astray: np.ndarray
+    descended: np.ndarray
+    grounded: np.ndarray
+
+
 class Supervisor:
     """The flight modes of N drones, and what their users have asked for.
 
@@ -207,6 +316,7 @@ class Supervisor:
         self._requested = np.zeros(count, dtype=bool)  # a reference was given since the motors were last stopped
         self._patient = np.zeros(count, dtype=bool)  # it waits for poses that are lost; a take-off by service does not
         self._retried = np.zeros(count, dtype=bool)  # unlocked a second time for the same reference
+        self._rearmed = np.zeros(count, dtype=bool)  # a person armed it since it fell
         self._pending: list[Transition] = []  # made between two ticks
 
     def require_armed(self, index: int) -> None:
@@ -217,6 +327,8 @@ class Supervisor:
         """
         if not self.armed[index]:
             raise FlatsatError("the drone is disarmed: arm it first")
+        if self.mode[index] == Mode.FALLEN:
+            raise FlatsatError("the drone has fallen, its motors are stopped: look after it, then arm it again")
 
     def require_mode(self, index: int, *allowed: Mode, purpose: str) -> None:
         """Refuse a drone in another mode than those allowed for a purpose.
@@ -250,14 +362,19 @@ class Supervisor:
             FlatsatError: it is in use or in the air and cannot be disarmed.
         """
         mode = Mode(self.mode[index])
-        high = height is not None and height >= self._policy.ground_height
+        high = height is not None and height >= self._policy.floor + _STANDING
         if not armed:
-            self.require_mode(index, Mode.IDLE, Mode.CUT, purpose="be disarmed; land it first")
+            self.require_mode(index, Mode.IDLE, Mode.CUT, Mode.FALLEN, purpose="be disarmed; land it first")
             if mode is Mode.IDLE and high:
                 raise FlatsatError(f"the drone is at z = {height:.2f} m, flown by somebody else: land it first")
             self._requested[index] = False
         self.armed[index] = armed
+        self._rearmed[index] = armed and mode is Mode.FALLEN
         self.unlocking[index] = armed and mode in (Mode.IDLE, Mode.UNLOCK) and height is not None and not high
+
+    def withdraw(self, index: int) -> None:
+        """Let drone index not take off any more; one in the air goes on."""
+        self.armed[index] = self.unlocking[index] = self._requested[index] = False
 
     def release(self, index: int) -> None:
         """Fall silent about drone index in flight: somebody else flies it from now on.
@@ -273,19 +390,15 @@ class Supervisor:
         """Let no mode last longer because the clock was set back to now, s."""
         self._since = np.minimum(self._since, now)
 
-    def advance(
-        self, now: float, height: FloatArray, usable: np.ndarray, touched_down: np.ndarray, held: np.ndarray
-    ) -> tuple[Transition, ...]:
+    def advance(self, now: float, sight: Sight) -> tuple[Transition, ...]:
         """Take the modes to time now, s; return the transitions since the last call.
 
         Args:
             now: s.
-            height: (N,) estimated z, m.
-            usable: (N,) as in `Situation`, like the next two.
-            touched_down: (N,).
-            held: (N,).
+            sight: what is known of the drones.
         """
-        undisturbed = (self.mode == Mode.FLY.value) & usable & ~(touched_down | held)
+        disturbed = ~sight.usable | sight.touched_down | sight.held | sight.fell | sight.astray
+        undisturbed = (self.mode == Mode.FLY.value) & ~disturbed
         made, self._pending = self._pending, []
         if np.count_nonzero(undisturbed) == undisturbed.size:
             return tuple(made)
@@ -294,26 +407,35 @@ class Supervisor:
             situation = Situation(
                 elapsed=now - float(self._since[index]),
                 policy=self._policy,
-                usable=bool(usable[index]),
-                standing=bool(height[index] < self._policy.ground_height),
+                usable=bool(sight.usable[index]),
+                standing=bool(sight.height[index] < self._policy.floor + _STANDING),
                 requested=bool(self._requested[index]),
                 unlocking=bool(self.unlocking[index]),
-                touched_down=bool(touched_down[index]),
-                held=bool(held[index]),
+                touched_down=bool(sight.touched_down[index]),
+                held=bool(sight.held[index]),
                 retried=bool(self._retried[index]),
+                fell=bool(sight.fell[index]),
+                astray=bool(sight.astray[index]),
+                descended=bool(sight.descended[index]),
+                rearmed=bool(self._rearmed[index]),
+                grounded=bool(sight.grounded[index]),
             )
             after, event = next_mode(before, situation)
             self.unlocking[index] &= after is Mode.UNLOCK
             if event is not None:
-                self._enter(index, before, after, now)
+                self._enter(index, event, after, now)
                 made.append(Transition(index, before, after, event.value))
         return tuple(made)
 
-    def _enter(self, index: int, before: Mode, after: Mode, now: float) -> None:
+    def elapsed(self, now: float) -> FloatArray:
+        """Return how long each mode has lasted, (N,) s."""
+        return now - self._since
+
+    def _enter(self, index: int, event: Event, after: Mode, now: float) -> None:
         self.mode[index], self._since[index] = after.value, now
-        if after in (Mode.CUT, Mode.REST):
-            self._requested[index] = False
+        if after in (Mode.CUT, Mode.REST, Mode.FALLEN):
+            self._requested[index] = self._rearmed[index] = False
         elif after is Mode.UNLOCK:
-            self._retried[index] = before is Mode.FLY
+            self._retried[index] |= event is Event.HELD
         elif after is Mode.IDLE:
             self._requested[index] &= self._patient[index]

@@ -6,6 +6,13 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 
+# a drone that has not lifted off although commanded upward for this time, s, before and after its thrust was learnt,
+# loses this share of its scale a second
+_LIFTING_TIME = 0.3, 1.0
+_LIFTING_RATE = 0.3
+# seconds in the air after which the scale can be relied on
+_SETTLED_TIME = 5.0
+
 # the scale follows its error with this time constant, s: slowly, beside the estimate of the disturbance
 _TIME_CONSTANT = 3.0
 
@@ -13,40 +20,62 @@ _TIME_CONSTANT = 3.0
 class ThrustScale:
     """Estimates of N drones.
 
-    What disturbs a drone vertically is taken for an error of its thrust, d_z = (actual / asked for - 1) T_z.
+    What disturbs a drone vertically is taken for an error of its thrust, d_z = (actual / asked for - 1) T_z. One that
+    stands on the ground although it is commanded upward has less thrust than it is asked for.
 
     Attributes:
-        scale: (N,) actual thrust over the thrust asked for; 1 at first.
+        scale: (N,) actual thrust over the thrust asked for; at first rather too high, so that no drone leaps up.
     """
 
     def __init__(self, count: int, error_max: float) -> None:
-        """Begin with thrust as the vehicle profile promises it.
+        """Begin with what is not known.
 
         Args:
             count: N.
             error_max: the scale stays within 1 -+ error_max; 0 learns nothing.
         """
-        self.scale = np.ones(count)
+        self._first = 1.0 + error_max / 2.0
+        self.scale = np.full(count, self._first)
         self._error_max = error_max
+        self._learnt = np.zeros(count)  # s in which it followed
+        self._lifting = np.zeros(count)  # s of being commanded upward on the ground
 
-    def learn(self, upward: FloatArray, disturbance: FloatArray, learning: np.ndarray, period: float) -> None:
+    def learn(
+        self, upward: FloatArray, disturbance: FloatArray, flying: np.ndarray, lifting: np.ndarray, period: float
+    ) -> None:
         """Follow what one tick shows.
 
         Args:
             upward: (N,) vertical part of the commanded thrust, m/s^2.
             disturbance: (N,) estimated vertical disturbance, m/s^2.
-            learning: (N,) whose disturbance says something: in flight, away from the ground, which may carry a drone.
+            flying: (N,) who is in the air, away from the ground, which may carry it.
+            lifting: (N,) who stands on the ground and is commanded upward.
             period: since the last tick, s.
         """
+        self._learnt += period * flying
+        self._lifting = np.where(lifting, self._lifting + period, 0.0)
         if self._error_max == 0.0:
             return
-        useful = learning & (upward > 0.0)
+        useful = flying & (upward > 0.0)
         error = np.divide(disturbance, upward, out=np.zeros_like(upward), where=useful)
-        scale = self.scale * (1.0 + period / _TIME_CONSTANT * error)
+        weak = self._lifting > np.where(self._learnt < _SETTLED_TIME, *_LIFTING_TIME)
+        scale = self.scale * (1.0 + period / _TIME_CONSTANT * error - period * _LIFTING_RATE * weak)
         self.scale = np.clip(scale, 1.0 - self._error_max, 1.0 + self._error_max)
 
+    def forget(self, index: int) -> None:
+        """Begin anew with drone index."""
+        self.scale = self.scale.copy()
+        self.scale[index], self._learnt[index] = self._first, 0.0
+
+    def is_settled(self, index: int) -> bool:
+        """Tell whether the thrust of drone index was seen for long enough to be relied on."""
+        return bool(self._learnt[index] >= _SETTLED_TIME)
+
     def cautious(self, steered: np.ndarray) -> FloatArray:
-        """Return the scale (N,), no less than 1 for drones that are not steered: they shall not climb by mistake."""
+        """Return the scale (N,), no less than 1 for drones that are not steered: they shall not climb by mistake.
+
+        What was seen for long enough holds for them, too.
+        """
         if np.count_nonzero(steered) == steered.size:
             return self.scale
-        return np.where(steered, self.scale, np.maximum(self.scale, 1.0))
+        return np.where(steered | (self._learnt >= _SETTLED_TIME), self.scale, np.maximum(self.scale, 1.0))

@@ -1,13 +1,15 @@
 """One drone's trajectory: position, velocity and acceleration at any time, and how near it comes to the limits.
 
-A trajectory is given by points with position, velocity and acceleration; between them it is the quintic polynomial
-that meets all three at both ends, so a B-spline of degree 5 sampled at its knots comes back exactly.
+A trajectory is made of polynomials of degree up to 7. Given by points with position, velocity and acceleration it is
+between them the quintic that meets all three at both ends, so a B-spline of degree 5 sampled at its knots comes back
+exactly.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -25,10 +27,12 @@ _REST = 1e-3
 # Each segment's acceleration, a cubic, is bounded by the control points of this many pieces.
 _PIECES = 8
 
-_POWERS = np.arange(6)
-# what differentiating t^1 .. t^5 once multiplies by, and t^2 .. t^5 twice
-_FIRST = np.arange(1.0, 6.0)
-_SECOND = np.array([2.0, 6.0, 12.0, 20.0])
+SIZE = 8  # coefficients of a polynomial, t^0 .. t^7
+_POWERS = np.arange(SIZE)
+# what differentiating t^1 .. t^7 once multiplies by, t^2 .. t^7 twice, and t^3 .. t^7 three times
+_FIRST = np.arange(1.0, SIZE)
+_SECOND = _FIRST[1:] * _FIRST[:-1]
+_THIRD = _FIRST[2:] * _FIRST[1:-1] * _FIRST[:-2]
 
 
 class Margin(NamedTuple):
@@ -52,7 +56,7 @@ class Trajectory:
 
     Attributes:
         times: (M,) s, increasing, absolute or relative as the user of the trajectory decides.
-        coefficients: (M - 1, 6, 3); the position in segment i is sum_j coefficients[i, j] (t - times[i])^j, m.
+        coefficients: (M - 1, 8, 3); the position in segment i is sum_j coefficients[i, j] (t - times[i])^j, m.
         yaw: psi to hold, rad.
     """
 
@@ -95,7 +99,11 @@ class Trajectory:
             if float(np.linalg.norm(point)) > _REST:
                 raise refusal(f"{name} of the last point", point.tolist(), unit, f"below {_REST} {unit}, at rest")
         yaw = require_number("yaw", yaw, "rad")
-        return cls(t, _quintic(span, *points) if span.size else _at_rest(points[0][0]), yaw)
+        if not span.size:
+            return cls(t, _at_rest(points[0][0]), yaw)
+        coefficients = np.zeros((span.size, SIZE, 3))
+        coefficients[:, :6] = quintic(span, [p[:-1] for p in points], [p[1:] for p in points])
+        return cls(t, coefficients, yaw)
 
     @classmethod
     def hold(cls, position: ArrayLike, yaw: float = 0.0) -> Trajectory:
@@ -107,7 +115,7 @@ class Trajectory:
         return Trajectory(self.times + offset, self.coefficients, self.yaw)
 
     def segment(self, t: float) -> tuple[FloatArray, float, float]:
-        """Return the segment active at t: coefficients (6, 3), their time origin, and the time until which it lasts.
+        """Return the segment active at t: coefficients (8, 3), their time origin, and the time until which it lasts.
 
         The last one, and the only one of a set-point, lasts for ever.
         """
@@ -125,10 +133,26 @@ class Trajectory:
             return np.asarray(self.coefficients[0, 0])
         return np.asarray(np.power(self.times[-1] - self.times[-2], _POWERS) @ self.coefficients[-1])
 
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Return the smallest box (3,), (3,), m, known to hold the path: that of its Bernstein control points."""
+        if self.times.size == 1:
+            return self.end, self.end
+        span = np.diff(self.times)
+        powers = self.coefficients.transpose(1, 0, 2) * np.power(span, _POWERS[:, np.newaxis])[..., np.newaxis]
+        edges = itertools.pairwise(np.linspace(0.0, 1.0, _PIECES + 1))
+        points = np.concatenate([bernstein_coefficients(powers, float(left), float(right)) for left, right in edges])
+        return points.min(axis=(0, 1)), points.max(axis=(0, 1))
+
     def sample(self, t: float) -> FloatArray:
         """Return position, velocity and acceleration (9,) at t; before the start and after the end it rests."""
         coefficients, origin, _ = self.segment(t)
         return np.asarray(evaluate(coefficients[np.newaxis], np.array([t - origin]))[0])
+
+    def jerk(self, t: float) -> FloatArray:
+        """Return the jerk (3,), m/s^3, at t; before the start and after the end it rests."""
+        coefficients, origin, _ = self.segment(t)
+        powers = np.power(t - origin, np.arange(SIZE - 3.0)) if coefficients[3:].any() else np.zeros(SIZE - 3)
+        return np.asarray((powers * _THIRD) @ coefficients[3:])
 
     def margin(self, limits: InputSet) -> Margin:
         """Return a lower bound of the acceleration's distance to the boundary of the input set.
@@ -143,7 +167,7 @@ class Trajectory:
             return tightest
         # a(t) of every segment in powers of (t - start) / span
         powers = (self.coefficients[:, 2:] * _SECOND[:, np.newaxis]).transpose(1, 0, 2)
-        powers = powers * np.power(span, np.arange(4.0)[:, np.newaxis])[..., np.newaxis]
+        powers = powers * np.power(span, np.arange(SIZE - 2.0)[:, np.newaxis])[..., np.newaxis]
         for left, right in itertools.pairwise(np.linspace(0.0, 1.0, _PIECES + 1)):
             points = bernstein_coefficients(powers, float(left), float(right))
             distances = limits.margin(points)
@@ -170,37 +194,46 @@ class Trajectory:
 
 
 def evaluate(coefficients: FloatArray, t: FloatArray) -> FloatArray:
-    """Evaluate N quintics.
+    """Evaluate N polynomials.
 
     Args:
-        coefficients: (N, 6, 3) of t^0 .. t^5, m, m/s, ...
+        coefficients: (N, 8, 3) of t^0 .. t^7, m, m/s, ...
         t: (N,) s.
 
     Returns:
         (N, 9) position (m), velocity (m/s), acceleration (m/s^2).
     """
-    basis = np.zeros((len(t), 3, 6))
+    basis = np.zeros((len(t), 3, SIZE))
     powers = basis[:, 0]
     powers[:, 0], powers[:, 1:] = 1.0, t[:, np.newaxis]
     np.multiply.accumulate(powers, axis=1, out=powers)
-    np.multiply(powers[:, :5], _FIRST, out=basis[:, 1, 1:])
-    np.multiply(powers[:, :4], _SECOND, out=basis[:, 2, 2:])
+    np.multiply(powers[:, :-1], _FIRST, out=basis[:, 1, 1:])
+    np.multiply(powers[:, :-2], _SECOND, out=basis[:, 2, 2:])
     return np.asarray((basis @ coefficients).reshape(len(t), 9))
 
 
 def _at_rest(position: FloatArray) -> FloatArray:
-    coefficients = np.zeros((1, 6, 3))
+    coefficients = np.zeros((1, SIZE, 3))
     coefficients[0, 0] = position
     return coefficients
 
 
-def _quintic(span: FloatArray, p: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-    """Return the coefficients (M - 1, 6, 3) that meet p, v, a at both ends of each segment."""
+def quintic(span: FloatArray, start: Sequence[FloatArray], end: Sequence[FloatArray]) -> FloatArray:
+    """Return the polynomials of degree 5 that meet values and two derivatives at both ends.
+
+    Args:
+        span: (M,) lengths of the segments, s.
+        start: value, first and second derivative at the beginning, (M, d) each.
+        end: the same at the end.
+
+    Returns:
+        (M, 6, d) coefficients of t^0 .. t^5.
+    """
     d = span[:, np.newaxis]
-    jump_p = p[1:] - p[:-1] - d * v[:-1] - d**2 / 2.0 * a[:-1]
-    jump_v = v[1:] - v[:-1] - d * a[:-1]
-    jump_a = a[1:] - a[:-1]
+    jump_p = end[0] - start[0] - d * start[1] - d**2 / 2.0 * start[2]
+    jump_v = end[1] - start[1] - d * start[2]
+    jump_a = end[2] - start[2]
     c3 = (10.0 * jump_p - 4.0 * d * jump_v + d**2 / 2.0 * jump_a) / d**3
     c4 = (-15.0 * jump_p + 7.0 * d * jump_v - d**2 * jump_a) / d**4
     c5 = (6.0 * jump_p - 3.0 * d * jump_v + d**2 / 2.0 * jump_a) / d**5
-    return np.stack([p[:-1], v[:-1], a[:-1] / 2.0, c3, c4, c5], axis=1)
+    return np.stack([*np.broadcast_arrays(start[0], start[1], start[2] / 2.0, c3), c4, c5], axis=1)

@@ -24,13 +24,13 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.crazyflie.wire import Backend, WireSetpoint, YawMode, setpoint_from_command
 from flatsat_ros.flight import telemetry
-from flatsat_ros.flight.estimator import PREDICTION_MAX
 from flatsat_ros.flight.pilot import Command, Pilot, Tick
-from flatsat_ros.flight.supervisor import Mode, Policy, Transition
+from flatsat_ros.flight.supervisor import AIRBORNE, Mode, Transition
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.crazyswarm import SETTLING_TIME, DroneLink
 from flatsat_ros.nodes.flight_report import FlightLog, report_flight
 from flatsat_ros.nodes.last_resort import LastResort
+from flatsat_ros.nodes.policy import declare_policy
 from flatsat_ros.nodes.rivals import Rivals
 from flatsat_ros.nodes.ros import cdr, interfaces, messages
 from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, Report
@@ -57,22 +57,11 @@ Answer = TypeVar("Answer", SetBool.Response, Trigger.Response)
 # how long the last commands may take to be acknowledged, s
 _ENDING_TIME = 0.5
 
-# the figures of the flight modes that a lab may want otherwise
-_POLICY = (
-    ("pose_timeout", "age above which a pose is stale", "s", Policy.pose_timeout, (0.01, PREDICTION_MAX)),
-    ("level_time", "level descent without poses before the motors are cut", "s", Policy.level_time, (0.1, 60.0)),
-    ("unlock_time", "zero thrust before take-off, which opens the lock", "s", Policy.unlock_time, (0.01, 10.0)),
-    ("lift_off_time", "commanded climb on the ground that ends in a cut", "s", Policy.lift_off_time, (0.5, 600.0)),
-    ("ground_height", "a drone below this height stands on the ground", "m", Policy.ground_height, (-1e3, 1e3)),
-    ("disturbance_max", "largest disturbance that is compensated; 0 is the paper's law", "m/s^2", 0.8, (0.0, 100.0)),
-    ("thrust_error_max", "largest error of the thrust that is estimated and corrected; 0: none", "", 0.0, (0.0, 0.5)),
-)
-
 
 class ControllerNode(ProgramNode):
     """ROS shell of `Pilot`."""
 
-    shutdown_time_max = 0.5  # s, for hand-overs
+    shutdown_time_max = 60.0  # s, for landings
 
     def __init__(self) -> None:
         """Read the parameters, load the certificate and the vehicle, start the tick."""
@@ -93,10 +82,7 @@ class ControllerNode(ProgramNode):
                     f"{self._certificate.limits.thrust_max:.4f} m/s^2, but {robot}, vehicle {vehicle.name!r}, "
                     f"lifts {vehicle.thrust_max:.4f} m/s^2: synthesize one with thrust_max at most that"
                 )
-        policy = Policy(**{
-            name: declare(self, name, default, meaning, unit=unit, bounds=bounds)
-            for name, meaning, unit, default, bounds in _POLICY
-        })  # fmt: skip
+        policy = declare_policy(self, min(vehicle.dynamics.drag_z for vehicle in self._vehicles))
         tuning = TuningParameters(self, self.robots, self._certificate)
         # zero thrust from the next tick on, the tick after it, the notice that no more follows
         self._unlock_time = policy.unlock_time + 2.0 * self._certificate.period + SETTLING_TIME
@@ -135,9 +121,25 @@ class ControllerNode(ProgramNode):
             f"{1.0 / self._certificate.period:g} Hz, gain cap {self._certificate.gain_max:.4g}"
         )
 
+    def begin_shutdown(self) -> None:
+        """Land the drones that are in the air where they are; let nobody take off any more."""
+        self._pilot.retire()
+
     def is_shut_down(self) -> bool:
-        """Tell whether every hand-over that has begun is through."""
-        return not any(link.is_releasing for link in self._links)
+        """Tell whether all drones are down and every hand-over that has begun is through."""
+        return not self._in_use() and not any(link.is_releasing for link in self._links)
+
+    def shutdown_progress(self) -> str:
+        """Return who is still on the way down."""
+        return "landing " + ", ".join(self._in_use())
+
+    def _in_use(self) -> list[str]:
+        """Return the drones that are in the air or just landed, with their heights; none if they are not steered."""
+        if self._broken:
+            return []
+        height = self._pilot.height
+        busy = np.isin(self._pilot.mode, (*AIRBORNE, Mode.REST))
+        return [f"{self.robots[index]} (z = {height[index]:.2f} m)" for index in np.flatnonzero(busy)]
 
     def finish(self) -> None:
         """Send the last safe commands: level and sinking in the air, zero thrust otherwise; nothing to idle drones."""
@@ -161,6 +163,7 @@ class ControllerNode(ProgramNode):
         actions: dict[str, Callable[[int], str | None]] = {
             "takeoff": self._take_off,
             "land": self._pilot.land,
+            "hold": self._pilot.hold,
             "hand_over": self._hand_over,
         }
         for name in interfaces.TRIGGERS:
@@ -253,7 +256,7 @@ class ControllerNode(ProgramNode):
             FlatsatError: it cannot, and what it followed before stays.
         """
         self._require_steered(index)
-        if self._pilot.mode[index] not in (Mode.FLY, Mode.LEVEL):
+        if self._pilot.mode[index] not in AIRBORNE:
             self._rivals.require_none(index)
         self._pilot.set_reference(index, reference)
 
@@ -312,6 +315,8 @@ class ControllerNode(ProgramNode):
         self._last = tick
         self._durations.append(tick.duration * 1e6)
         self._follow_transitions(tick.transitions)
+        for index, text in tick.reports:
+            self._log.report(self.robots[index], text)
         rows = telemetry.rows(tick)
         for index, robot in enumerate(self.robots):
             with self.faults.contain(f"{robot}/telemetry"):

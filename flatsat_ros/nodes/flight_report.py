@@ -13,6 +13,9 @@ from flatsat_ros.flight.supervisor import Event, Mode, Transition
 from flatsat_ros.nodes.ros.diagnostics import Level, Report
 from flatsat_ros.nodes.ros.throttle import Throttle
 
+# modes that no drone enters by anybody's wish
+_TROUBLE = (Mode.LEVEL, Mode.DESCEND, Mode.CUT, Mode.FALLEN)
+
 # the same line is logged again after this time at the earliest, s: about a drone, and about a clock
 _SILENCE, _CLOCK_SILENCE = 1.0, 10.0
 
@@ -31,14 +34,18 @@ class FlightLog:
         if times is None:
             return
         text = f"{robot}: {before.name} -> {after.name}: {reason}{times}"
-        if before is Mode.FLY and after is Mode.CUT:
-            text += (
-                ". Not armed, locked until reboot, not linked, too heavy for its profile? A new reference tries again"
-            )
-        if after in (Mode.LEVEL, Mode.CUT) or reason == Event.NOTHING_TO_DO.value:
+        if reason == Event.HELD_AGAIN.value:
+            text += ". Locked until reboot, not linked, too heavy for its profile?"
+        if after in _TROUBLE or reason in (Event.TAKE_OFF_LOST.value, Event.POSE_LOST_GROUNDED.value):
             self._logger.error(text)
         else:
             self._logger.info(text)
+
+    def report(self, robot: str, text: str) -> None:
+        """Log something else that people should know of a robot."""
+        times = self._throttle.admit(f"{robot} {text[:20]}", _SILENCE)
+        if times is not None:
+            self._logger.warning(f"{robot}: {text}{times}")
 
     def refusals(self, robots: str, sentences: Sequence[str]) -> None:
         """Log why a request was refused for some robots, or for all."""
@@ -77,6 +84,6 @@ def report_flight(
         "pose age s": f"{now - pilot.estimator.newest[index]:.3f}",
         "poses refused": int(pilot.estimator.rejected[index]),
     }
-    bad = mode in (Mode.LEVEL, Mode.CUT) or rivals
+    bad = mode in _TROUBLE or rivals
     level = Level.ERROR if bad else Level.WARN if outside else Level.OK
     return Report(robot, robot, level, ": ".join(filter(None, (mode.name, outside, rivals))), figures | values)

@@ -15,7 +15,7 @@ from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.demo.scenario import POSE_NOISE, VEHICLE
 from flatsat_ros.flight.pilot import Pilot, Tick
-from flatsat_ros.flight.supervisor import Policy
+from flatsat_ros.flight.supervisor import GoalMode, Policy
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.controller import Controller
 from flatsat_ros.law.gain import Tuning
@@ -61,7 +61,7 @@ def run_gain_laws(certificate: Certificate) -> GainRuns:
     cap = gain_cap(timing, certificate.block).gain_max
     most = certificate.gain_max
     tuning = Tuning(MU, V_INF, 1.0, [most, cap, most, most], [0.0, 0.0, LEAK, 0.0], [False, False, False, True])
-    pilot = Pilot(certificate, tuning, Policy(), count)
+    pilot = Pilot(certificate, tuning, Policy(goal_mode=GoalMode.STEP), count)
     places = np.stack([np.zeros(count), 2.0 * np.arange(count), np.zeros(count)], axis=1)
     fleet = SimulatedFleet(
         vehicle, count, start=places, capture=MotionCapture(noise=POSE_NOISE), command_delay=_LINK_DELAY - vehicle.delay

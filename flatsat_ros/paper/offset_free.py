@@ -16,7 +16,7 @@ from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interv
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.flight.pilot import Pilot, Tick
-from flatsat_ros.flight.supervisor import Policy
+from flatsat_ros.flight.supervisor import GoalMode, Policy
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.law.input_set import InputSet
@@ -32,9 +32,9 @@ RATE, PERIOD, MU, V_INF = 1.25, 0.02, 2.0, 0.05
 PLACES = np.array([[0.0, -0.6, 1.0], [0.6, 0.6, 1.0], [-0.6, 0.6, 1.0]])
 LEG, CLIMB, WATCHED = 4.0, 15.0, 0.5  # s: a leg of the swap, from the floor to its start, of the hover before it
 
-PAPER = Policy()
-OFFSET_FREE = Policy(disturbance_max=0.8)
-ESTIMATING = Policy(disturbance_max=0.8, thrust_error_max=0.2)
+PAPER = Policy(goal_mode=GoalMode.STEP)
+OFFSET_FREE = Policy(disturbance_max=0.8, goal_mode=GoalMode.STEP)
+ESTIMATING = Policy(disturbance_max=0.8, thrust_error_max=0.2, goal_mode=GoalMode.STEP)
 HOVER_TARGET, SWAP_TARGET = 0.01, 0.04  # m
 
 

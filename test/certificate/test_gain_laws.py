@@ -14,7 +14,7 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
 from flatsat_ros.flight.pilot import Pilot
-from flatsat_ros.flight.supervisor import Policy
+from flatsat_ros.flight.supervisor import GoalMode, Policy
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.controller import Controller
 from flatsat_ros.law.gain import Tuning, adapt
@@ -90,7 +90,7 @@ def test_under_a_constant_disturbance_the_papers_gain_runs_to_its_cap_and_a_leak
 def repeated_set_points(tuning: Tuning) -> list[float]:
     """Gamma at the end of each of four legs to and fro between two far set-points, ideal dynamics."""
     proof = certificate()
-    pilot = Pilot(proof, tuning, Policy(unlock_time=1e-3), 1)
+    pilot = Pilot(proof, tuning, Policy(unlock_time=1e-3, goal_mode=GoalMode.STEP), 1)
     state, at_ends = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), []
     for tick in range(4 * 80):
         now = tick * PERIOD

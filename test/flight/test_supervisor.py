@@ -4,98 +4,110 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import fields
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.flight.estimator import PREDICTION_MAX
-from flatsat_ros.flight.supervisor import Mode, Policy, Situation, next_mode
+from flatsat_ros.flight.supervisor import AIRBORNE, TABLE, Event, Mode, Policy, Situation, next_mode
 
-POLICY = Policy(pose_timeout=0.3, level_time=3.0, unlock_time=0.5, ground_height=0.15, level_thrust=0.9)
+POLICY = Policy(pose_timeout=0.3, level_time=0.5, unlock_time=0.5, level_thrust=0.9)
 
-# mode, requested, usable, on the ground, its time is over, down, opening, stuck, again: next; None where any will do
-TABLE = [
-    (Mode.IDLE, False, None, None, None, None, False, None, None, Mode.IDLE),
-    (Mode.IDLE, False, False, None, None, None, True, None, None, Mode.IDLE),
-    (Mode.IDLE, False, True, True, None, None, True, None, None, Mode.UNLOCK),
-    (Mode.IDLE, False, True, False, None, None, True, None, None, Mode.IDLE),
-    (Mode.IDLE, True, False, None, None, None, None, None, None, Mode.IDLE),
-    (Mode.IDLE, True, True, True, None, None, None, None, None, Mode.UNLOCK),
-    (Mode.IDLE, True, True, False, None, None, None, None, None, Mode.FLY),
-    (Mode.UNLOCK, False, None, None, None, None, False, None, None, Mode.IDLE),
-    (Mode.UNLOCK, False, False, None, None, None, True, None, None, Mode.IDLE),
-    (Mode.UNLOCK, False, True, None, False, None, True, None, None, Mode.UNLOCK),
-    (Mode.UNLOCK, False, True, None, True, None, True, None, None, Mode.IDLE),
-    (Mode.UNLOCK, True, False, None, None, None, None, None, None, Mode.IDLE),
-    (Mode.UNLOCK, True, True, None, False, None, None, None, None, Mode.UNLOCK),
-    (Mode.UNLOCK, True, True, None, True, None, None, None, None, Mode.FLY),
-    (Mode.FLY, None, True, None, None, False, None, False, None, Mode.FLY),
-    (Mode.FLY, None, True, None, None, False, None, True, False, Mode.UNLOCK),
-    (Mode.FLY, None, True, None, None, False, None, True, True, Mode.CUT),
-    (Mode.FLY, None, True, None, None, True, None, None, None, Mode.REST),
-    (Mode.FLY, None, False, None, None, None, None, None, None, Mode.LEVEL),
-    (Mode.LEVEL, None, True, None, None, None, None, None, None, Mode.FLY),
-    (Mode.LEVEL, None, False, None, False, None, None, None, None, Mode.LEVEL),
-    (Mode.LEVEL, None, False, None, True, None, None, None, None, Mode.CUT),
-    (Mode.CUT, False, None, None, None, None, None, None, None, Mode.CUT),
-    (Mode.CUT, True, False, None, None, None, None, None, None, Mode.CUT),
-    (Mode.CUT, True, True, None, None, None, None, None, None, Mode.UNLOCK),
-    (Mode.REST, None, None, None, False, None, None, None, None, Mode.REST),
-    (Mode.REST, None, None, None, True, None, None, None, None, Mode.IDLE),
-]
-
+# mode: the modes that may follow, for each of the flags that must be set for it (a minus: must not be)
+ROWS = {
+    Mode.IDLE: [
+        ("usable requested -standing", Mode.FLY),
+        ("usable requested standing", Mode.UNLOCK),
+        ("usable -requested unlocking standing", Mode.UNLOCK),
+    ],
+    Mode.UNLOCK: [
+        ("-requested -unlocking", Mode.IDLE),
+        ("-requested unlocking -usable", Mode.IDLE),
+        ("requested -usable late", Mode.IDLE),
+        ("requested usable over", Mode.FLY),
+        ("-requested unlocking usable over", Mode.IDLE),
+    ],
+    Mode.FLY: [
+        ("-usable grounded", Mode.UNLOCK),
+        ("-usable -grounded", Mode.LEVEL),
+        ("usable astray", Mode.DESCEND),
+        ("usable -astray fell", Mode.FALLEN),
+        ("usable -astray -fell touched_down", Mode.REST),
+        ("usable -astray -fell -touched_down held -retried", Mode.UNLOCK),
+        ("usable -astray -fell -touched_down held retried", Mode.FALLEN),
+    ],
+    Mode.LEVEL: [("usable", Mode.FLY), ("-usable over", Mode.DESCEND)],
+    Mode.DESCEND: [
+        ("usable -astray", Mode.FLY),
+        ("-usable descended", Mode.CUT),
+        ("usable astray descended", Mode.CUT),
+    ],
+    Mode.CUT: [("usable requested", Mode.UNLOCK)],
+    Mode.REST: [("over", Mode.IDLE)],
+    Mode.FALLEN: [("rearmed", Mode.IDLE)],
+}
+FLAGS = [field.name for field in fields(Situation) if field.name not in ("elapsed", "policy")]
 DURATION = {Mode.UNLOCK: POLICY.unlock_time, Mode.LEVEL: POLICY.level_time, Mode.REST: POLICY.rest_time}
 
 
+def expected(mode: Mode, flags: dict[str, bool]) -> Mode:
+    """The mode that the rows above name; only one may."""
+    found = [
+        after
+        for text, after in ROWS[mode]
+        if all(flags[word.removeprefix("-")] is not word.startswith("-") for word in text.split())
+    ]
+    assert len(found) <= 1, "the rows themselves must exclude one another"
+    return found[0] if found else mode
+
+
 @pytest.mark.parametrize("mode", list(Mode))
-@pytest.mark.parametrize("requested", [False, True])
-@pytest.mark.parametrize("usable", [False, True])
-def test_every_transition_is_the_tables(mode: Mode, requested: bool, usable: bool) -> None:
+def test_every_transition_is_that_of_the_rows_in_every_situation(mode: Mode) -> None:
     limit = DURATION.get(mode, 1.0)
-    ages = {False: (0.0, limit / 2.0, math.nextafter(limit, 0.0)), True: (limit, 10.0 * limit, math.inf)}
-    for ground, over, down, opening, stuck, again in itertools.product([False, True], repeat=6):
-        present = (mode, requested, usable, ground, over, down, opening, stuck, again)
-        rows = [row for row in TABLE if all(a in (None, b) for a, b in zip(row[:-1], present, strict=True))]
-        assert len(rows) == 1, "the table itself must be complete and unique"
-        for elapsed in ages[over]:
-            situation = Situation(elapsed, POLICY, usable, ground, requested, opening, down, stuck, again)
-            after, event = next_mode(mode, situation)
-            assert after is rows[0][-1]
+    for values in itertools.product([False, True], repeat=len(FLAGS)):
+        flags = dict(zip(FLAGS, values, strict=True))
+        for elapsed in (0.0, math.nextafter(limit, 0.0), limit, limit + 60.0):
+            times = {"over": elapsed >= limit, "late": elapsed >= limit + 5.0}
+            after, event = next_mode(mode, Situation(elapsed, POLICY, **flags))
+            assert after is expected(mode, flags | times), (mode, flags, elapsed)
             assert (event is None) == (after is mode)
 
 
-@given(
-    events=st.lists(
-        st.tuples(*(st.booleans(),) * 2, st.floats(-0.5, 2.0), st.floats(0.0, 2.0), *(st.booleans(),) * 3),
-        min_size=1,
-        max_size=40,
-    )
-)
-def test_in_no_history_a_drone_is_steered_blindly_or_leaves_the_cut_unasked(
-    events: list[tuple[bool, bool, float, float, bool, bool, bool]],
-) -> None:
-    mode, elapsed, requested, powered = Mode.IDLE, math.inf, False, 0.0
-    for new_reference, usable, height, dt, down, opening, stuck in events:
-        requested = requested or new_reference
-        standing = height < POLICY.ground_height
-        after, _ = next_mode(mode, Situation(elapsed, POLICY, usable, standing, requested, opening, down, stuck))
+def test_every_event_is_in_the_table_and_leads_somewhere_else() -> None:
+    used = [event for rows in TABLE.values() for event, _ in rows]
+    assert set(used) == set(Event)
+    assert set(TABLE) == set(Mode)
+    assert all(after is not mode for mode, rows in TABLE.items() for _, after in rows)
+
+
+situations = st.tuples(st.floats(0.0, 2.0), *(st.booleans(),) * len(FLAGS))
+
+
+@given(events=st.lists(situations, min_size=1, max_size=40))
+def test_in_no_history_a_drone_is_steered_blindly_or_its_motors_start_unasked(events: list[tuple[Any, ...]]) -> None:
+    mode, elapsed, requested = Mode.IDLE, math.inf, False
+    for dt, *values in events:
+        flags = dict(zip(FLAGS, values, strict=True))
+        requested = flags["requested"] = requested or flags["requested"]
+        after, _ = next_mode(mode, Situation(elapsed, POLICY, **flags))
         if after is Mode.FLY:
-            assert usable
+            assert flags["usable"] or mode is Mode.FLY
             assert requested
-        if mode is Mode.CUT and after is not Mode.CUT:
-            assert requested
-            assert after is Mode.UNLOCK, "the firmware's lock must be opened again"
-        if after is Mode.IDLE:
-            assert mode in (Mode.IDLE, Mode.UNLOCK, Mode.REST), "a drone in the air is never left alone"
+        if mode in (Mode.CUT, Mode.FALLEN) and after is not mode:
+            assert requested or flags["rearmed"]
+            assert after in (Mode.UNLOCK, Mode.IDLE), "the firmware's lock must be opened again"
+        if mode in AIRBORNE:
+            assert after is not Mode.IDLE, "a drone in the air is never left alone"
         if after is Mode.REST and mode is not Mode.REST:
-            assert down
+            assert flags["touched_down"]
             assert mode is Mode.FLY
+        if after in (Mode.CUT, Mode.FALLEN) and mode in AIRBORNE:
+            assert flags["descended"] or flags["fell"] or flags["held"], "motors stop in the air for these only"
         elapsed = elapsed + dt if after is mode else dt
-        powered = powered + dt if after is Mode.LEVEL and mode is Mode.LEVEL else 0.0
-        assert powered <= POLICY.level_time + dt
-        if after in (Mode.CUT, Mode.REST) and mode is not after:
+        if after in (Mode.CUT, Mode.REST, Mode.FALLEN) and mode is not after:
             requested = False
         mode = after
 
@@ -109,18 +121,18 @@ def test_times_and_thrust_must_be_positive_numbers(name: str, bad: float) -> Non
         Policy(**{name: bad})
 
 
-def test_a_level_descent_may_not_climb_and_the_ground_must_be_somewhere() -> None:
+def test_a_level_descent_may_not_climb_and_the_room_must_have_an_inside() -> None:
     Policy(level_thrust=1.0)
     with pytest.raises(FlatsatError, match=r"level_thrust = 1\.01 g: must be at most 1 g"):
         Policy(level_thrust=1.01)
-    with pytest.raises(FlatsatError, match="ground_height = nan m"):
-        Policy(ground_height=math.nan)
-
-
-def test_a_pose_older_than_the_estimate_predicts_is_never_flown_on() -> None:
-    Policy(pose_timeout=PREDICTION_MAX)
-    with pytest.raises(FlatsatError, match=r"pose_timeout = 0\.51 s: must be at most 0\.5 s"):
-        Policy(pose_timeout=0.51)
+    with pytest.raises(FlatsatError, match="floor = nan m"):
+        Policy(floor=math.nan)
+    with pytest.raises(FlatsatError, match=r"ceiling = 1\.0 m: must be above the floor, 1\.0 m"):
+        Policy(floor=1.0, ceiling=1.0)
+    with pytest.raises(FlatsatError, match="y_min and y_max in rising order"):
+        Policy(walls=(-1.0, 2.0, 1.0, -2.0))
+    with pytest.raises(FlatsatError, match="four numbers"):
+        Policy(walls=(-1.0, 1.0))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("bad", [-0.1, 0.51, math.nan])

@@ -44,7 +44,7 @@ def test_a_brushless_drone_flies_only_when_armed_through_the_controller(lab: Lab
     lab.start("sim_drone", robot_names=["cf1"], vehicle="brushless")
     controller = lab.fly("cf1", vehicle="brushless", lift_off_time=1.0)
     lab.go_to("cf1", (0.0, 0.0, 0.5))
-    lab.wait(lambda: "cf1: FLY -> CUT: told to climb, but it did not leave the ground" in controller.output, "the cut")
+    lab.wait(lambda: "cf1: FLY -> FALLEN: told to climb" in controller.output, "the end of two attempts")
     assert poses[-1].pose.position.z < 0.01
     arm = interfaces.service_of("cf1", interfaces.ARM)
     lab.wait(lambda: "/cf1/arm asked to arm" in lab.ask(SetBool, arm, data=True).message, "the arming")

@@ -41,7 +41,9 @@ def test_test_1_of_the_paper_is_flown_from_the_floor_to_the_floor(lab: Lab, colu
     drones = {robot: lab.watch_diagnostics(f"sim_drone: {robot}") for robot in rates}
     lab.start("sim_drone", robot_names=list(rates), start_positions=starts.ravel().tolist())
     # the goals come while the thrust locks open, so that the law begins with the error of the paper
-    lab.fly(*rates, robots__cf1__mu=rates["cf1"], mu=rates["cf2"], unlock_time=4.0)
+    lab.fly(
+        *rates, robots__cf1__mu=rates["cf1"], mu=rates["cf2"], unlock_time=4.0, goal_mode="step", thrust_error_max=0.0
+    )
     lab.wait(lambda: all(poses[robot] and telemetry[robot] for robot in rates), "poses and telemetry")
     assert not any(commands.values()), "a controller without a goal must leave the drones to whoever flies them"
     lab.take_off(*rates)

@@ -6,11 +6,9 @@ import signal
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pytest
 
-from flatsat_ros.crazyflie.wire import WireSetpoint
-from flatsat_ros.flight.supervisor import Mode, Policy
-from flatsat_ros.nodes.ros import interfaces, messages
+from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.nodes.ros import interfaces
 
 if TYPE_CHECKING:
     from conftest import Lab
@@ -37,7 +35,8 @@ def test_a_drone_that_appears_late_flies_and_disturbs_nobody(lab: Lab) -> None:
     settled = len(poses["cf1"])
     lab.start("sim_drone", robot_names=["cf2"], start_positions=[0.0, 1.0, 0.0])
     lab.wait_for_flight("cf2", poses["cf2"], THERE)
-    assert np.abs(heights(poses["cf1"][settled:]) - HERE[2]).max() <= lab.near
+    # soon after take-off the thrust is still being learnt
+    assert np.abs(heights(poses["cf1"][settled:]) - HERE[2]).max() <= 2.0 * lab.near
     for seen in commands.values():
         lab.require_within_limits(seen)
 
@@ -73,25 +72,31 @@ def test_a_drone_whose_process_is_killed_is_given_up_and_flies_again_after_a_new
     lab.go_to("cf2", THERE)
     lab.wait_for_flight("cf2", poses["cf2"], THERE)
 
-    assert np.abs(heights(poses["cf1"][settled:]) - HERE[2]).max() <= lab.near
+    # soon after take-off the thrust is still being learnt
+    assert np.abs(heights(poses["cf1"][settled:]) - HERE[2]).max() <= 2.0 * lab.near
     for seen in commands.values():
         lab.require_within_limits(seen)
     assert controller.stop() == 0
 
 
-def test_a_controller_stopped_in_flight_leaves_its_drones_level_and_sinking(lab: Lab) -> None:
+def test_a_controller_stopped_in_flight_lands_its_drones_where_they_are(lab: Lab) -> None:
     poses, commands = lab.watch(interfaces.POSE, "cf1"), lab.watch(interfaces.COMMAND, "cf1")
     idle = lab.watch(interfaces.COMMAND, "cf2")
     lab.start("sim_drone", robot_names=["cf1", "cf2"])
     controller = lab.fly("cf1", "cf2")
-    lab.go_to("cf1", (1.0, 0.0, 1.0))
-    lab.wait(lambda: poses and poses[-1].pose.position.z > 0.3, "the drone to climb")
-    assert controller.stop(signal.SIGHUP) == 0
-    level = float(lab.vehicle.pwm_from_thrust(Policy.level_thrust * lab.certificate.limits.gravity))
-    last = WireSetpoint(0.0, 0.0, 0.0, pytest.approx(level))
-    lab.wait(lambda: messages.command_from_message(commands[-1]) == last, "the last command")
-    lab.wait(lambda: poses[-1].pose.position.z == 0.0, "the drone to sink to the floor")
-    assert messages.command_from_message(commands[-1]) == last
+    lab.go_to("cf1", (0.3, 0.0, 1.0))
+    lab.wait(lambda: poses and poses[-1].pose.position.z > 0.5, "the drone to climb")
+    controller.expected = True
+    controller.send(signal.SIGHUP)
+    controller.send(signal.SIGTERM)  # it does not shorten the landing
+    lab.wait(lambda: controller.returncode is not None, "the end of the controller")
+    assert controller.returncode == 0
+    assert poses[-1].pose.position.z == 0.0
+    moments = np.array([p.header.stamp.sec + 1e-9 * p.header.stamp.nanosec for p in poses])
+    fall = np.diff(heights(poses)) / np.diff(moments)
+    assert fall.min() > -1.0, "m/s: it is let down, not dropped"
+    assert commands[-1].linear.z == 0.0
+    assert "landing cf1 (z = " in controller.output
     assert not idle, "a drone that was never flown gets no last command"
     lab.require_within_limits(commands)
     assert "Traceback" not in controller.output

@@ -36,7 +36,10 @@ def test_drones_are_disarmed_armed_flown_and_landed_by_services_of_one_and_of_al
         refused = trigger(who, "land")
         assert not refused.success
         for robot in named:
-            assert f"{robot}: land refused: the drone is in IDLE: only one in FLY or LEVEL can land" in refused.message
+            assert (
+                f"{robot}: land refused: the drone is in IDLE: only one in FLY or LEVEL or DESCEND can land"
+                in refused.message
+            )
         assert arm(who, False).success
         assert "disarmed: arm it first" in trigger(who, "takeoff").message
         assert arm(who, True).success

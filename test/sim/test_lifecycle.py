@@ -12,7 +12,7 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.crazyflie.wire import WireSetpoint, YawMode
 from flatsat_ros.flight.pilot import Pilot, Tick
-from flatsat_ros.flight.supervisor import Mode, Policy
+from flatsat_ros.flight.supervisor import GoalMode, Mode, Policy
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.closed_loop import fly
@@ -43,7 +43,7 @@ class Flight:
         floor: float = 0.0,
         thrust_error: float = 0.0,
     ) -> None:
-        policy = Policy(disturbance_max=compensated, ground_height=floor + 0.15, thrust_error_max=thrust_error)
+        policy = Policy(disturbance_max=compensated, floor=floor, thrust_error_max=thrust_error)
         self.pilot = Pilot(CERTIFICATE, Tuning(mu, 0.05, 1.0, CERTIFICATE.gain_max), policy, 1)
         self.fleet = SimulatedFleet(
             VEHICLE, 1, start=[[0.0, 0.0, floor]], floor=floor, thrust_scale=scale, capture=MotionCapture(noise=5e-4)
@@ -125,7 +125,7 @@ def test_a_new_goal_ends_the_landing() -> None:
 def test_what_is_unsafe_is_refused_with_the_reason() -> None:
     flight = Flight()
     pilot = flight.pilot
-    with pytest.raises(FlatsatError, match="in IDLE: only one in FLY or LEVEL can land"):
+    with pytest.raises(FlatsatError, match="in IDLE: only one in FLY or LEVEL or DESCEND can land"):
         pilot.land(0)
     with pytest.raises(FlatsatError, match="in IDLE: only one in FLY can be handed over"):
         pilot.hand_over(0)
@@ -135,7 +135,7 @@ def test_what_is_unsafe_is_refused_with_the_reason() -> None:
     flight.let_pass(4.0)
     with pytest.raises(FlatsatError, match="only one on the ground takes off"):
         pilot.take_off(0, 0.5)
-    with pytest.raises(FlatsatError, match="in FLY: it can be disarmed in IDLE or CUT only; land it first"):
+    with pytest.raises(FlatsatError, match="only one in IDLE or CUT or FALLEN can be disarmed; land it first"):
         pilot.arm(0, False)
     unseen = Pilot(CERTIFICATE, Tuning(2.0, 0.05, 1.0, 2.0), Policy(), 1)
     unseen.tick(0.0)
@@ -171,7 +171,8 @@ def test_a_drone_handed_over_is_not_commanded_any_more() -> None:
 
 @pytest.mark.parametrize(("noise", "near"), [(0.0, 0.005), (1e-3, 0.03)])
 def test_at_10_hz_a_drone_whose_disturbance_is_compensated_hovers_this_near_its_goal(noise: float, near: float) -> None:
-    pilot = Pilot(CERTIFICATE, Tuning(2.0, 0.05, 1.0, CERTIFICATE.gain_max), Policy(disturbance_max=0.8), 1)
+    policy = Policy(disturbance_max=0.8, goal_mode=GoalMode.STEP)
+    pilot = Pilot(CERTIFICATE, Tuning(2.0, 0.05, 1.0, CERTIFICATE.gain_max), policy, 1)
     fleet = SimulatedFleet(VEHICLE, 1, start=[[0.0, 0.0, 0.0]], capture=MotionCapture(noise=noise), seed=3)
     goal, errors = np.array([0.6, 0.6, 0.8]), []
 

@@ -48,7 +48,7 @@ TELEMETRY = Topic("flatsat/telemetry", Float64MultiArray, _reliable(10), _reliab
 # The life-cycle of a flight, as services `<robot>/flatsat/<name>` and `all/flatsat/<name>`: the prefix keeps them from
 # clashing with those of crazyswarm2.
 ALL = "all"
-TRIGGERS = ("takeoff", "land", "hand_over")
+TRIGGERS = ("takeoff", "land", "hold", "hand_over")
 ARM = "arm"
 
 

@@ -1,0 +1,214 @@
+"""What each drone shall follow: given trajectories, or paths to goals that begin where the reference is.
+
+A goal becomes a path to rest (`flight.path`) from the present motion of the reference, so that the error stays small
+for any distance. Braking, landing and taking off are paths as well. While a drone hangs below its reference with its
+thrust at the limit, or is still near the ground, the horizontal part of its path stands still: the thrust is then
+wanted for the lift alone. Only the reference changes, never the saturation of the law.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.errors import refusal
+from flatsat_ros.flight.path import Box, PathLimits, path_to
+from flatsat_ros.flight.references import References
+from flatsat_ros.flight.trajectory import Trajectory
+from flatsat_ros.law.input_set import InputSet
+
+# a landing reference sinks at most this fast, m/s, to this depth, m, below the ground
+_LANDING_SPEED = 0.4
+_LANDING_DEPTH = 2.0
+# below this height over its ground, m, a drone only climbs
+_NEAR_GROUND = 0.2
+# a drone hangs below its reference from this error on, m, until it is below the second
+_HANGS = 0.10
+_HANGS_NO_MORE = 0.05
+# a drone this far, m, from where its trajectory is cannot follow it
+_FAR = 0.5
+# a drone this far outside the box, m, has left it
+_TOLERATED = 0.3
+_BRAKE = np.full(3, np.nan)
+
+
+class Guidance:
+    """The references of N drones.
+
+    Attributes:
+        references: what is followed.
+        landing: (N,) who sinks until something carries it.
+        ground: (N,) height on which each drone stood last, m.
+    """
+
+    def __init__(self, limits: InputSet, speed: float, box: Box, count: int) -> None:
+        """Begin without references.
+
+        Args:
+            limits: V_c.
+            speed: largest speed of paths, m/s.
+            box: room for goals, trajectories and paths.
+            count: N.
+        """
+        self.references = References(count)
+        self.landing = np.zeros(count, dtype=bool)
+        self.ground = np.full(count, float(box.low[2]))
+        self._limits = limits
+        self._path_limits = PathLimits.within(limits, speed)
+        self._box = box
+        # what is below the floor stands on something
+        self._lowest = np.array([*box.low[:2] - _TOLERATED, -math.inf])
+        self._highest = box.high + _TOLERATED
+        self._goals: list[FloatArray | None] = [None] * count  # of those that follow paths; NaN where they brake
+        self._waiting = np.zeros(count, dtype=bool)  # the horizontal part stands still
+
+    def require_inside(self, place: ArrayLike, what: str) -> FloatArray:
+        """Return a place (3,), m, refusing one outside the box.
+
+        Raises:
+            FlatsatError: it is not finite or outside; the text names the side.
+        """
+        point = finite_array(what, place, 3)
+        for axis, name in enumerate("xyz"):
+            low, high = float(self._box.low[axis]), float(self._box.high[axis])
+            if not low <= point[axis] <= high:
+                raise refusal(f"{name} of {what}", float(point[axis]), "m", f"in the box, from {low:g} to {high:g} m")
+        return point
+
+    def follow(self, index: int, trajectory: Trajectory) -> None:
+        """Let drone index follow a trajectory.
+
+        Raises:
+            FlatsatError: it leaves the box or no margin inside the input set.
+        """
+        low, high = trajectory.bounds()
+        self.require_inside(low, "the trajectory")
+        self.require_inside(high, "the trajectory")
+        self._assign(index, trajectory)
+        self._goals[index] = None
+
+    def require_near(self, index: int, trajectory: Trajectory, now: float) -> None:
+        """Refuse a trajectory that drone index, in flight, would have to jump to.
+
+        Raises:
+            FlatsatError: it is too far from the present reference; the text says how far.
+        """
+        away = float(np.linalg.norm(trajectory.sample(now)[:3] - self.references.motion(index, now)[0]))
+        if away > _FAR:
+            raise refusal(
+                "distance of the trajectory from where the drone is led now",
+                round(away, 3),
+                "m",
+                f"at most {_FAR} m: send its first point as a goal before",
+            )
+
+    def go_to(self, index: int, goal: ArrayLike, yaw: float) -> None:
+        """Give drone index a goal (3,), m; its path is made by `start`, or at once by `replan`.
+
+        Raises:
+            FlatsatError: the goal is not finite or outside the box.
+        """
+        self._goals[index] = self.require_inside(goal, "the goal").copy()
+        self.references.yaw[index] = yaw
+        self.landing[index] = False
+
+    def brake(self, index: int, now: float) -> None:
+        """Let the reference of drone index come to rest as soon as it can, and stay there."""
+        self._goals[index] = _BRAKE.copy()
+        self.landing[index] = False
+        self.replan(index, now)
+
+    def land(self, index: int, now: float) -> None:
+        """Let the reference of drone index brake and sink below the ground, until something carries the drone."""
+        below = min(float(self.ground[index]), float(self.references.motion(index, now)[0, 2])) - _LANDING_DEPTH
+        self._goals[index] = np.array([math.nan, math.nan, below])
+        self.landing[index] = True
+        self.replan(index, now)
+
+    def start(self, index: int, state: FloatArray, now: float) -> str:
+        """Let drone index, whose flight begins or goes on, set out from where it is.
+
+        Args:
+            index: which drone.
+            state: (6,) its position, m, and velocity, m/s.
+            now: s.
+
+        Returns:
+            What was changed, for people; empty if nothing.
+        """
+        motion = np.zeros((4, 3))
+        speed = max(float(np.linalg.norm(state[3:])) / self._path_limits.speed, 1.0)
+        motion[0], motion[1] = state[:3], state[3:] / speed
+        if self._goals[index] is None:
+            away = float(np.linalg.norm(self.references.motion(index, now)[0] - state[:3]))
+            if away <= _FAR:
+                return ""
+            self._goals[index] = _BRAKE.copy()
+            self._plan(index, motion, now)
+            return f"its trajectory is {away:.2f} m away: it stays where it is"
+        self._plan(index, motion, now)
+        return ""
+
+    def replan(self, index: int, now: float) -> None:
+        """Lead the reference of drone index from its present motion to its goal."""
+        if self._goals[index] is not None:
+            self._plan(index, self.references.motion(index, now), now)
+
+    def outside(self, state: FloatArray) -> list[tuple[int, str]]:
+        """Return which drones that do not land have left the box, and by which side.
+
+        Args:
+            state: (N, 6) m, m/s.
+        """
+        place = state[:, :3]
+        low, high = place < self._lowest, place > self._highest
+        if not np.count_nonzero(low | high):
+            return []
+        found = []
+        for index, axis in np.argwhere((low | high) & ~self.landing[:, np.newaxis]):
+            side = float((self._box.low if low[index, axis] else self._box.high)[axis])
+            name, sign = "xyz"[axis], "<" if low[index, axis] else ">"
+            found.append((int(index), f"it has left the box, {name} = {state[index, axis]:.2f} {sign} {side:g} m"))
+        return found
+
+    def update(
+        self, now: float, state: FloatArray, reference: FloatArray, flying: np.ndarray, full: np.ndarray
+    ) -> None:
+        """Let horizontal references stand still, or go on, as the drones hang below theirs or are near the ground.
+
+        Args:
+            now: s.
+            state: (N, 6) m, m/s.
+            reference: (N, 9).
+            flying: (N,) who is steered.
+            full: (N,) whose thrust was at its limit at the last tick.
+        """
+        error = reference[:, 2] - state[:, 2]
+        low = state[:, 2] - self.ground < _NEAR_GROUND
+        hangs = np.where(self._waiting, error > _HANGS_NO_MORE, (error > _HANGS) & full)
+        wait = flying & ~self.landing & (low | hangs)
+        changed = (wait != self._waiting) & flying
+        if not np.count_nonzero(changed):
+            return
+        for index in np.flatnonzero(changed):
+            self._waiting[index] = wait[index]
+            self.replan(int(index), now)
+
+    def _plan(self, index: int, motion: FloatArray, now: float) -> None:
+        goal = self._goals[index]
+        assert goal is not None
+        box, limits = self._box, self._path_limits
+        if self.landing[index]:
+            box = Box(np.array([*box.low[:2], -math.inf]), box.high)
+            limits = limits.slower(_LANDING_SPEED)
+        wait = bool(self._waiting[index]) and not self.landing[index]
+        path = path_to(motion, goal, now, limits, box, float(self.references.yaw[index]), wait=wait)
+        if not wait:
+            self._goals[index] = np.where(np.isnan(goal), path.end, goal)
+        self._assign(index, path)
+
+    def _assign(self, index: int, trajectory: Trajectory) -> None:
+        self.references.assign(index, trajectory, trajectory.require_margin(self._limits))

@@ -1,0 +1,301 @@
+"""Paths to rest: from any motion of the reference to rest at a goal, within limits that the drone can follow.
+
+The velocity changes, by a polynomial of degree 5 in time, from what it is (with its acceleration and jerk) to a
+constant one along a straight line, and likewise from there to rest; so position, velocity, acceleration and jerk are
+continuous and the snap is bounded. Braking is the same thing without a line between. With both changes of the same
+length T,
+
+    D = goal - p0 - T v0/2 - T^2 a0/10 - T^3 j0/120
+
+is what is left to the straight line, whatever its speed V: the direction is D/|D|, V = min(V_max, |D|/T), and the
+constant part takes (|D| - V T)/V. The shortest T that keeps all limits is taken. Where there is none, the acceleration
+is brought to zero first, by a cubic in time, if that is better.
+
+Horizontal and vertical are planned apart, so that one can stand still while the other moves.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.flight.trajectory import SIZE, Trajectory, quintic
+from flatsat_ros.law.input_set import InputSet
+
+# of the radius of the ball of accelerations around hover, a path may use this share; the rest is left to the law
+_SHARE = 0.5
+# of that share, what the vertical part may use; the horizontal one gets what the input set then leaves
+_VERTICAL = 0.5
+
+# durations that are tried, s
+_DURATIONS = 0.2 * 1.1 ** np.arange(90.0)
+_ROUNDING = 1e-9
+_STILL = 1e-9  # m: what is nearer is there
+
+# Bernstein polynomials of degree n at this many times of a segment: limits are looked at there
+_NODES = np.linspace(0.0, 1.0, 17)
+_BERNSTEIN = [
+    np.array([math.comb(n, i) * _NODES**i * (1.0 - _NODES) ** (n - i) for i in range(n + 1)]).T for n in range(7)
+]
+
+# largest first, second and third derivative of 10 s^3 - 15 s^4 + 6 s^5 on [0, 1]
+_PEAKS = (1.875, 10.0 / math.sqrt(3.0), 60.0)
+_ZERO = np.zeros(1)
+
+_HORIZONTAL_AXES, _VERTICAL_AXES = slice(0, 2), slice(2, 3)
+
+
+@dataclass(frozen=True)
+class PathLimits:
+    """What a path may ask for, each of its horizontal and of its vertical part.
+
+    Attributes:
+        horizontal: largest horizontal acceleration, m/s^2.
+        vertical: largest vertical acceleration, m/s^2.
+        speed: m/s.
+        jerk: m/s^3.
+        snap: m/s^4.
+    """
+
+    horizontal: float
+    vertical: float
+    speed: float = 1.0
+    jerk: float = 2.0
+    snap: float = 20.0
+
+    @classmethod
+    def within(cls, limits: InputSet, speed: float) -> PathLimits:
+        """Return limits that leave half of the input set's inner radius as margin everywhere on a path."""
+        g, tilt = limits.gravity, limits.tilt_max
+        margin = (1.0 - _SHARE) * limits.inner_radius
+        vertical = _VERTICAL * _SHARE * limits.inner_radius
+        cone = ((g - vertical) * math.sin(tilt) - margin) / math.cos(tilt)
+        sphere = math.sqrt((limits.thrust_max - margin) ** 2 - (g + vertical) ** 2)
+        return cls(min(cone, sphere), vertical, speed)
+
+    def slower(self, speed: float) -> PathLimits:
+        """Return the same limits with a speed, m/s, that is at most this."""
+        return replace(self, speed=min(self.speed, speed))
+
+
+class Box(NamedTuple):
+    """The room for references: low <= position <= high, (3,) each, m, world frame."""
+
+    low: FloatArray
+    high: FloatArray
+
+
+class _Part(NamedTuple):
+    """A piecewise polynomial of some axes that begins at 0 s: ends of its segments (M,), coefficients (M, 8, d)."""
+
+    ends: FloatArray
+    coefficients: FloatArray
+
+
+def path_to(
+    motion: FloatArray,
+    goal: FloatArray,
+    start: float,
+    limits: PathLimits,
+    box: Box,
+    yaw: float = 0.0,
+    *,
+    wait: bool = False,
+) -> Trajectory:
+    """Return the path from a motion to rest at a goal.
+
+    Args:
+        motion: (4, 3) position (m), velocity (m/s), acceleration (m/s^2) and jerk (m/s^3) at the start.
+        goal: (3,) m; entries that are NaN mean: as soon as it can be braked along that axis.
+        start: time of the start, s.
+        limits: of the path. Where the motion already exceeds one, the path comes back to it.
+        box: is not left, unless the motion is outside or cannot be braked before the wall.
+        yaw: psi to hold, rad.
+        wait: the horizontal part brakes and waits, only the vertical one goes to the goal.
+    """
+    across = goal[:2] if not wait else np.full(2, np.nan)
+    parts = [
+        _to_rest(motion[:, axes], part, limits, bound, _Walls(box.low[axes], box.high[axes]))
+        for axes, part, bound in (
+            (_HORIZONTAL_AXES, across, limits.horizontal),
+            (_VERTICAL_AXES, goal[2:], limits.vertical),
+        )
+    ]
+    return _joined(parts, start, yaw)
+
+
+class _Walls(NamedTuple):
+    """The box along some axes, (d,) each."""
+
+    low: FloatArray
+    high: FloatArray
+
+
+class _Change(NamedTuple):
+    """How a motion (4, d) comes to rest at a goal: the length T of its changes, s, the velocity between them, m/s."""
+
+    excess: float
+    motion: FloatArray
+    duration: float
+    cruise: FloatArray
+    cruise_time: float  # s
+
+
+def _to_rest(motion: FloatArray, goal: FloatArray, limits: PathLimits, acceleration: float, walls: _Walls) -> _Part:
+    """Return the path of some axes; the arguments are those of `path_to`, (4, d) and (d,)."""
+    lengths: list[float] = []
+    pieces: list[FloatArray] = []
+    change = _change(motion, goal, limits, acceleration, walls)
+    if change.excess > _ROUNDING and motion[2:].any():
+        duration, piece = _settled(motion, limits, acceleration)
+        later = np.zeros_like(motion)
+        later[0], later[1] = _value(piece, duration), _value(_derived(piece), duration)
+        settled = _change(later, goal, limits, acceleration, walls)
+        if settled.excess < change.excess:
+            lengths, pieces, change = [duration], [piece], settled
+    place, v0, a0, j0 = change.motion
+    if change.motion[1:].any() or change.cruise.any():
+        v1, zero = change.cruise, np.zeros_like(place)
+        first, last = quintic(
+            np.full(2, change.duration),
+            [np.array([v0, v1]), np.array([a0, zero]), np.array([j0, zero])],
+            [np.array([v1, zero]), np.zeros((2, v1.size)), np.zeros((2, v1.size))],
+        )
+        line = _constant(place)[0]
+        line[1] = v1
+        for length, piece in ((change.duration, _integrated(first, place)), (change.cruise_time, line)):
+            if length > _ROUNDING:
+                piece[0] = place
+                lengths, pieces = [*lengths, length], [*pieces, piece]
+                place = _value(piece, length)
+        if v1.any():
+            lengths, pieces = [*lengths, change.duration], [*pieces, _integrated(last, place)]
+            place = _value(pieces[-1], change.duration)
+    return _Part(np.cumsum(lengths), np.array([*pieces, _constant(place)[0]]))
+
+
+def _change(motion: FloatArray, goal: FloatArray, limits: PathLimits, acceleration: float, walls: _Walls) -> _Change:
+    """Return the change with the shortest T that keeps all limits, or the one that exceeds them least."""
+    p0, v0, a0, j0 = motion
+    t = _DURATIONS[:, np.newaxis]
+    left = np.where(np.isnan(goal), 0.0, goal - p0 - t * v0 / 2.0 - t**2 * a0 / 10.0 - t**3 * j0 / 120.0)
+    distance = np.sqrt((left * left).sum(axis=1))
+    distance[distance < _STILL] = 0.0
+    speed = np.minimum(limits.speed, distance / _DURATIONS)
+    cruise = left * (speed / np.maximum(distance, _STILL))[:, np.newaxis]
+
+    # control points of the velocity, (K, 6, d), and of its derivatives
+    first, second = v0 + t * a0 / 5.0, v0 + 2.0 * t * a0 / 5.0 + t**2 * j0 / 20.0
+    velocity = np.stack(np.broadcast_arrays(v0, first, second, cruise, cruise, cruise), axis=1)
+    excess = _excess(velocity, limits.speed, v0)
+    derivative, factor = velocity, np.ones(1)
+    for bound, present, degree in ((acceleration, a0, 5.0), (limits.jerk, j0, 4.0), (limits.snap, _ZERO, 3.0)):
+        derivative, factor = np.diff(derivative, axis=1), factor * degree / _DURATIONS
+        excess += _excess(derivative * factor[:, np.newaxis, np.newaxis], bound, present)
+    # the last change, from the constant velocity to rest
+    for bound, peak, power in ((acceleration, _PEAKS[0], 1), (limits.jerk, _PEAKS[1], 2), (limits.snap, _PEAKS[2], 3)):
+        excess += np.maximum(peak * speed / _DURATIONS**power / bound - 1.0, 0.0)
+    # the position, within the box or as near to it as the motion is
+    travelled = np.cumsum(velocity, axis=1) * (t / 6.0)[:, np.newaxis]
+    places = p0 + _BERNSTEIN[6][:, 1:] @ travelled
+    beyond = np.maximum(walls.low - places, places - walls.high)
+    beyond -= np.maximum(np.maximum(walls.low - p0, p0 - walls.high), 0.0)
+    excess += np.maximum(beyond, 0.0).max(axis=(1, 2))
+
+    best = _first(excess)
+    duration, pace = float(_DURATIONS[best]), float(speed[best])
+    cruise_time = (float(distance[best]) - pace * duration) / pace if pace > 0.0 else 0.0
+    return _Change(float(excess[best]), motion, duration, cruise[best], cruise_time)
+
+
+def _settled(motion: FloatArray, limits: PathLimits, acceleration: float) -> tuple[float, FloatArray]:
+    """Return the shortest piece (8, d) that ends without acceleration and jerk, and its length, s."""
+    place, v0, a0, j0 = motion
+    t = _DURATIONS[:, np.newaxis]
+    zero = np.zeros_like(t * a0)
+    # control points of the acceleration, (K, 4, d)
+    control = np.stack(np.broadcast_arrays(a0, a0 + t * j0 / 3.0, zero, zero), axis=1)
+    excess = _excess(control, acceleration, a0)
+    derivative, factor = control, np.ones(1)
+    for bound, present, degree in ((limits.jerk, j0, 3.0), (limits.snap, zero[0], 2.0)):
+        derivative, factor = np.diff(derivative, axis=1), factor * degree / _DURATIONS
+        excess += _excess(derivative * factor[:, np.newaxis, np.newaxis], bound, present)
+    duration = float(_DURATIONS[_first(excess)])
+    piece = np.zeros((SIZE, place.size))
+    c2 = (-3.0 * a0 - 2.0 * duration * j0) / duration**2
+    c3 = (2.0 * a0 + duration * j0) / duration**3
+    piece[:6] = place, v0, a0 / 2.0, j0 / 6.0, c2 / 12.0, c3 / 20.0
+    return duration, piece
+
+
+def _first(excess: FloatArray) -> int:
+    """Return the first candidate without excess, or the one with the least."""
+    feasible = np.flatnonzero(excess <= _ROUNDING)
+    return int(feasible[0]) if feasible.size else int(excess.argmin())
+
+
+def _excess(points: FloatArray, bound: float, present: FloatArray = _ZERO) -> FloatArray:
+    """Return by how much, relatively, polynomials exceed a bound, or the present size if that is more.
+
+    Args:
+        points: (K, n + 1, d) control points of polynomials of degree n.
+        bound: of the Euclidean norm.
+        present: (d,).
+    """
+    allowed = max(bound, float(np.sqrt((present * present).sum())))
+    values = _BERNSTEIN[points.shape[1] - 1] @ points
+    return np.asarray(np.maximum(np.sqrt((values * values).sum(axis=2)).max(axis=1) / allowed - 1.0, 0.0))
+
+
+def _constant(place: FloatArray) -> FloatArray:
+    """Return (1, 8, d) coefficients of a place."""
+    coefficients = np.zeros((1, SIZE, place.size))
+    coefficients[0, 0] = place
+    return coefficients
+
+
+def _integrated(velocity: FloatArray, place: FloatArray) -> FloatArray:
+    """Return the coefficients (8, d) of the position whose velocity has the coefficients (6, d), from a place on."""
+    position = np.zeros((SIZE, place.size))
+    position[0] = place
+    position[1:7] = velocity / np.arange(1.0, 7.0)[:, np.newaxis]
+    return position
+
+
+def _derived(coefficients: FloatArray) -> FloatArray:
+    """Return the coefficients (8, d) of the derivative of a polynomial (8, d)."""
+    derivative = np.zeros_like(coefficients)
+    derivative[:-1] = coefficients[1:] * np.arange(1.0, SIZE)[:, np.newaxis]
+    return derivative
+
+
+def _value(coefficients: FloatArray, t: float) -> FloatArray:
+    """Return the value (d,) of a polynomial (8, d) at t."""
+    return np.asarray(np.power(t, np.arange(SIZE)) @ coefficients)
+
+
+def _moved(coefficients: FloatArray, t: float) -> FloatArray:
+    """Return the coefficients (8, d) of the same polynomial (8, d) with its origin at t."""
+    shift = np.array([[math.comb(i, j) * t ** (i - j) if i >= j else 0.0 for i in range(SIZE)] for j in range(SIZE)])
+    return np.asarray(shift @ coefficients)
+
+
+def _joined(parts: list[_Part], start: float, yaw: float) -> Trajectory:
+    """Return the trajectory whose axes are those of the parts, in their order."""
+    ends = np.unique(np.concatenate([part.ends for part in parts]))
+    begins = np.concatenate([[0.0], ends[:-1]]) if ends.size else np.zeros(0)
+    if not ends.size:
+        return Trajectory(np.array([start]), np.concatenate([part.coefficients for part in parts], axis=2), yaw)
+    segments = []
+    for begin in begins:
+        columns = []
+        for part in parts:
+            index = int(np.searchsorted(part.ends, begin, side="right"))
+            origin = float(part.ends[index - 1]) if index else 0.0
+            columns.append(_moved(part.coefficients[index], float(begin) - origin))
+        segments.append(np.concatenate(columns, axis=1))
+    return Trajectory(start + np.concatenate([[0.0], ends]), np.array(segments), yaw)

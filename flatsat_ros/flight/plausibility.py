@@ -1,0 +1,126 @@
+"""Which poses can be true: what motion capture, a clock or a frame does wrong, told apart from motion.
+
+The thresholds stand here, in one place.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from enum import Enum
+
+import numpy as np
+
+# a stamp may be ahead of the arrival by this much, s: clocks of two machines differ a little
+_AHEAD = 0.1
+# stamps this far behind the arrival, s, are of another clock, or come too late to be flown on
+_BEHIND = 0.5
+# sum of coordinates, m, beyond which a position is a fault
+_FARTHEST = 1e4
+# a position that repeats exactly for so long, s, while so much, m/s^2, is commanded, is an old one
+_REPEATED = ((0.15, 0.05), (0.6, 1e-3))
+# a refusal of the same kind within this time, s, is the same event
+_SAME_EVENT = 1.0
+# a quaternion's norm may differ from 1 by this much
+_QUATERNION_TOLERANCE = 0.1
+
+
+class Fault(Enum):
+    """Why a pose is refused; the value is what a person is told, None for what happens all the time."""
+
+    OLD = None  # a duplicate, or out of order
+    NOT_FINITE = "poses that are not finite or beyond 10 km"
+    AHEAD = "pose stamps {0:.2f} s ahead of the clock: set the clocks alike"
+    LOST = "poses of all zeros: motion capture has lost the drone"
+    REPEATED = "the same pose again and again in flight: motion capture has lost the drone"
+    EXCHANGED = "poses that fit another drone: the two may be exchanged"
+    JUMP = "poses that jump by {0:.2f} m"
+
+
+class PoseScreen:
+    """Looks at the poses of N drones before they are taken in."""
+
+    def __init__(self, count: int) -> None:
+        self._last: list[tuple[float, ...]] = [()] * count  # position of the newest pose
+        self._since = np.full(count, np.inf)  # s, stamp from which on it repeats
+        self._old = np.zeros(count, dtype=bool)  # it is an old one until another one comes
+        self._told: dict[tuple[int, str], float] = {}  # s, when an event was seen last
+        self._complaints: list[tuple[int, str]] = []
+
+    def refuse(
+        self,
+        index: int,
+        stamp: float,
+        position: Sequence[float],
+        quaternion: Sequence[float],
+        now: float,
+        newest: float,
+        commanded: float,
+    ) -> Fault | None:
+        """Return why a pose of drone index cannot be true, None if it can.
+
+        Args:
+            index: which drone.
+            stamp: s.
+            position: (3,) m.
+            quaternion: (4,) x, y, z, w.
+            now: time of its arrival, s.
+            newest: stamp of the newest pose taken in, s.
+            commanded: size of the acceleration that is commanded, m/s^2.
+        """
+        x, y, z = position
+        if not abs(x) + abs(y) + abs(z) <= _FARTHEST or not math.isfinite(stamp):
+            return Fault.NOT_FINITE
+        if stamp > now + _AHEAD:
+            return Fault.AHEAD
+        if stamp <= newest:
+            return Fault.OLD
+        if not any(position) and not any(quaternion):
+            return Fault.LOST
+        place = (x, y, z)
+        if place != self._last[index]:
+            self._last[index], self._since[index], self._old[index] = place, stamp, False
+            return None
+        lasted = stamp - self._since[index]
+        self._old[index] |= any(lasted >= time and commanded >= least for time, least in _REPEATED)
+        if self._old[index]:
+            return Fault.REPEATED
+        return None
+
+    def complain(self, index: int, fault: Fault, now: float, amount: float = 0.0) -> None:
+        """Remember to tell about a refused pose, once per event."""
+        if fault.value is not None:
+            self._tell(index, fault.name, fault.value.format(amount), now)
+
+    def note(self, index: int, stamp: float, now: float) -> None:
+        """Remember to tell about a pose that was taken in but is of no use: its stamp is far behind."""
+        if now - stamp > _BEHIND:
+            self._tell(index, "BEHIND", f"pose stamps {now - stamp:.2f} s behind the clock: set the clocks alike", now)
+
+    def _tell(self, index: int, kind: str, text: str, now: float) -> None:
+        if not 0.0 <= now - self._told.get((index, kind), -math.inf) < _SAME_EVENT:
+            self._complaints.append((index, text))
+        self._told[index, kind] = now
+
+    def complaints(self) -> list[tuple[int, str]]:
+        """Return what is to be told, drone and text, once."""
+        complaints, self._complaints = self._complaints, []
+        return complaints
+
+
+def yaw_and_tilt(quaternion: Sequence[float]) -> tuple[float, float] | None:
+    """Return psi, rad, and the angle between the body's z axis and the vertical, rad, of an orientation.
+
+    Args:
+        quaternion: (4,) x, y, z, w, body -> world.
+
+    Returns:
+        None for one that is NaN or not of unit length.
+    """
+    qx, qy, qz, qw = quaternion
+    norm = math.sqrt(qx * qx + qy * qy + qz * qz + qw * qw) if max(map(abs, quaternion)) < 2.0 else math.inf
+    if not abs(norm - 1.0) <= _QUATERNION_TOLERANCE:
+        return None
+    square = norm * norm
+    yaw = math.atan2(2.0 * (qw * qz + qx * qy), square - 2.0 * (qy * qy + qz * qz))
+    return yaw, math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (qx * qx + qy * qy) / square)))

@@ -1,0 +1,138 @@
+"""What is known of N drones beyond their estimates: the ground below them, their thrust, and whether they obey."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.flight.descent import BlindDescent
+from flatsat_ros.flight.detectors import CLIMB, AstrayDetector, FallDetector, LiftOffDetector, TouchDownDetector
+from flatsat_ros.flight.guidance import Guidance
+from flatsat_ros.flight.supervisor import AIRBORNE, Mode, Policy, Sight
+from flatsat_ros.flight.thrust import ThrustScale
+
+# near the ground, m, a drone is not judged by its motion: something may carry it
+_NEAR_GROUND = 0.15
+# a drone on the ground that is commanded upward by this, m/s^2, and stays this slow, m/s, has too little thrust
+_LIFTING = 0.3
+_LIFTING_SLOW = 0.02
+# a certificate that knows nothing of lag and delay does not make the drone answer sooner than after this, s
+_LATE = 0.15
+# a drone that moves faster than this, m/s, does not stand
+_MOVING = 0.1
+
+
+class Senses:
+    """The detectors, the thrust scale and the descent without position, fed with what a tick shows.
+
+    Attributes:
+        thrust: scales of the thrust.
+        descent: of drones without poses.
+    """
+
+    def __init__(self, certificate: Certificate, policy: Policy, count: int) -> None:
+        gravity = certificate.limits.gravity
+        self.thrust = ThrustScale(count, policy.thrust_error_max)
+        self.descent = BlindDescent(gravity, policy.drag, policy.level_thrust, count)
+        self._gravity = gravity
+        self._policy = policy
+        self._touch_down = TouchDownDetector(count)
+        self._lift_off = LiftOffDetector(count, policy.lift_off_time)
+        self._fall = FallDetector(count)
+        self._astray = AstrayDetector(count, certificate.period, max(certificate.lag + certificate.delay, _LATE))
+        self._unlocked = np.zeros(count, dtype=bool)  # it stood on the ground when its flight began
+        self._gone_astray = np.zeros(count, dtype=bool)  # until it is down
+        self._acceleration = np.zeros((count, 3))  # commanded at the last tick, m/s^2
+
+    def set_clock_back(self, now: float) -> None:
+        """Let nothing last longer because the clock was set back to now, s."""
+        self.descent.set_clock_back(now)
+        self._fall.set_clock_back(now)
+
+    def look(
+        self, now: float, estimated: FloatArray, usable: np.ndarray, mode: np.ndarray, guidance: Guidance
+    ) -> Sight:
+        """Return what the supervisor needs to know.
+
+        Args:
+            now: s.
+            estimated: (N, 9) position, velocity, disturbance: m, m/s, m/s^2.
+            usable: (N,) whose estimate can be flown on.
+            mode: (N,) values of `Mode` until now.
+            guidance: who lands, and the ground below each.
+        """
+        state, disturbance = estimated[:, :6], estimated[:, 6:]
+        upward = self._acceleration[:, 2]
+        flying = (mode == Mode.FLY.value) & usable
+        held = flying & self._lift_off.held(now, state[:, 2], flying & (upward >= CLIMB))
+        off_ground = flying & np.isnan(self._lift_off.height)
+        height = np.where(off_ground, state[:, 2] - guidance.ground, np.inf)
+        return Sight(
+            height=state[:, 2],
+            usable=usable,
+            touched_down=self._touch_down.carried(now, state[:, 5], upward, flying & guidance.landing),
+            held=held,
+            fell=self._fall.fell(now, state, disturbance[:, 2], upward, height),
+            astray=self._gone_astray,
+            descended=self.descent.over(now),
+            grounded=self._unlocked & ~np.isnan(self._lift_off.height),
+        )
+
+    def note(self, acceleration: FloatArray, estimated: FloatArray, flying: np.ndarray, period: float) -> np.ndarray:
+        """Learn from one tick; return who is steered in the air, away from the ground, (N,).
+
+        Args:
+            acceleration: (N, 3) commanded, m/s^2.
+            estimated: (N, 9), see `look`.
+            flying: (N,) who is steered.
+            period: s.
+        """
+        disturbance, climb = estimated[:, 6:], estimated[:, 5]
+        standing = flying & ~np.isnan(self._lift_off.height)
+        free = flying & ~standing & (estimated[:, 2] >= self._low)
+        lifting = standing & (acceleration[:, 2] >= _LIFTING) & (climb < _LIFTING_SLOW)
+        learning = flying & ~(standing & self._unlocked) & (estimated[:, 2] >= self._low)
+        self.thrust.learn(acceleration[:, 2] + self._gravity, disturbance[:, 2], learning, lifting, period)
+        self._gone_astray |= self._astray.astray(acceleration[:, :2], estimated[:, 3:5], free)
+        self._acceleration = acceleration
+        return np.asarray(free)
+
+    @property
+    def _low(self) -> float:
+        """Height below which something may carry a drone, m."""
+        return self._policy.floor + _NEAR_GROUND
+
+    def moves(self, index: int, state: FloatArray) -> bool:
+        """Tell whether drone index, whose state is (6,), is seen to move: then it does not stand on anything."""
+        return float(np.abs(state[3:]).max()) > _MOVING
+
+    def enter(
+        self, index: int, before: Mode, after: Mode, estimated: FloatArray, now: float, guidance: Guidance
+    ) -> float | None:
+        """Take note of a changed mode.
+
+        Args:
+            index: whose.
+            before: mode until now.
+            after: mode from now on.
+            estimated: (9,) of the drone.
+            now: s.
+            guidance: the ground below it.
+
+        Returns:
+            The height, m, of the ground on which it is known to stand; None if nothing new is known of that.
+        """
+        height = float(estimated[2])
+        if after is Mode.LEVEL or (after is Mode.DESCEND and before is Mode.FLY):
+            lift = float(estimated[8]) if self.thrust.is_settled(index) else None
+            self.descent.begin(index, now, height - float(guidance.ground[index]), float(estimated[5]), lift)
+        if after in (Mode.CUT, Mode.REST, Mode.FALLEN, Mode.IDLE):
+            self._gone_astray[index] = False
+        if after is Mode.FALLEN or (before is Mode.FLY and after is Mode.UNLOCK):
+            self.thrust.forget(index)
+        if after is Mode.UNLOCK or (after is Mode.FLY and before not in AIRBORNE):
+            self._lift_off.begin(index, height)
+            self._unlocked[index] = after is Mode.UNLOCK or before is Mode.UNLOCK
+            return height if after is Mode.UNLOCK or height < self._low else None
+        return None

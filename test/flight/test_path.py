@@ -1,0 +1,99 @@
+"""Paths to rest: they begin in the motion that is, keep the limits that they are given, and end at the goal."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from flatsat_ros.base.constants import GRAVITY
+from flatsat_ros.flight.path import Box, PathLimits, path_to
+from flatsat_ros.law.input_set import InputSet
+
+LIMITS = InputSet(1.45 * GRAVITY, math.radians(10.0))
+BOUNDS = PathLimits.within(LIMITS, 1.0)
+BOX = Box(np.array([-150.0, -150.0, 0.0]), np.array([150.0, 150.0, 10.0]))
+AT_REST = np.zeros((4, 3))
+
+places = st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0), st.floats(0.0, 5.0)).map(np.array)
+far = st.tuples(st.floats(-100.0, 100.0), st.floats(-100.0, 100.0), st.floats(0.0, 10.0)).map(np.array)
+shares = st.floats(0.0, 1.0)
+
+
+def resting(place: np.ndarray) -> np.ndarray:
+    motion = AT_REST.copy()
+    motion[0] = place
+    return motion
+
+
+@given(start=places, goal=far)
+def test_from_rest_a_path_leads_straight_to_the_goal_within_every_limit(start: np.ndarray, goal: np.ndarray) -> None:
+    path = path_to(resting(start), goal, 3.0, BOUNDS, BOX)
+    np.testing.assert_allclose(path.end, goal, atol=1e-9)
+    samples = np.array([path.sample(t) for t in np.linspace(3.0, path.times[-1], 200)])
+    np.testing.assert_allclose(samples[0], [*start, 0, 0, 0, 0, 0, 0], atol=1e-12)
+    assert np.linalg.norm(samples[:, 3:5], axis=1).max() <= BOUNDS.speed + 1e-9
+    assert np.abs(samples[:, 5]).max() <= BOUNDS.speed + 1e-9
+    assert np.linalg.norm(samples[:, 6:8], axis=1).max() <= BOUNDS.horizontal + 1e-9
+    assert np.abs(samples[:, 8]).max() <= BOUNDS.vertical + 1e-9
+    assert max(np.abs(path.jerk(float(t))).max() for t in np.linspace(3.0, path.times[-1], 200)) <= BOUNDS.jerk + 1e-9
+    # at least half of the input set is left to the law
+    assert path.require_margin(LIMITS) >= 0.5 * LIMITS.inner_radius - 1e-9
+    # both parts stay between where they begin and where they end
+    low, high = np.minimum(start, goal) - 1e-9, np.maximum(start, goal) + 1e-9
+    assert ((samples[:, :3] >= low) & (samples[:, :3] <= high)).all()
+
+
+@given(first=places, second=places, when=shares)
+@settings(max_examples=60)
+def test_a_path_that_replaces_another_begins_in_its_motion_with_the_same_jerk(
+    first: np.ndarray, second: np.ndarray, when: float
+) -> None:
+    before = path_to(resting(np.array([0.0, 0.0, 1.0])), first, 0.0, BOUNDS, BOX)
+    t = when * float(before.times[-1])
+    motion = np.concatenate([before.sample(t).reshape(3, 3), before.jerk(t)[np.newaxis]])
+    after = path_to(motion, second, t, BOUNDS, BOX)
+    np.testing.assert_allclose(after.sample(t), before.sample(t), atol=1e-9)
+    np.testing.assert_allclose(after.end, second, atol=1e-6)
+    if after.times.size > 1:
+        np.testing.assert_allclose(after.jerk(t), before.jerk(t), atol=1e-6)
+    assert after.require_margin(LIMITS) > 0.0
+    # continuous jerk at every joint
+    for joint in after.times[1:-1]:
+        left, right = (after.jerk(float(joint) + side) for side in (-1e-9, 1e-9))
+        np.testing.assert_allclose(left, right, atol=1e-5)
+
+
+@given(goal=places, when=shares)
+@settings(max_examples=60)
+def test_braking_comes_to_rest_without_turning_back(goal: np.ndarray, when: float) -> None:
+    before = path_to(resting(np.array([0.0, 0.0, 2.0])), goal, 0.0, BOUNDS, BOX)
+    t = when * float(before.times[-1])
+    motion = np.concatenate([before.sample(t).reshape(3, 3), before.jerk(t)[np.newaxis]])
+    assume(np.linalg.norm(motion[1]) > 0.05)
+    path = path_to(motion, np.full(3, np.nan), t, BOUNDS, BOX)
+    speeds = [float(np.linalg.norm(path.sample(s)[3:6])) for s in np.linspace(t, path.times[-1], 100)]
+    assert speeds[-1] < 1e-9
+    assert max(speeds) <= 1.25 * max(float(np.linalg.norm(motion[1])), 0.2) + 0.3
+    assert np.linalg.norm(path.end - motion[0]) < 4.0
+
+
+def test_a_waiting_path_climbs_only() -> None:
+    path = path_to(resting(np.array([1.0, 1.0, 0.0])), np.array([3.0, 3.0, 1.0]), 0.0, BOUNDS, BOX, wait=True)
+    np.testing.assert_allclose(path.end, [1.0, 1.0, 1.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("thrust", [1.05, 1.2, 1.45, 2.0])
+@pytest.mark.parametrize("tilt", [5.0, 10.0, 30.0])
+def test_the_limits_leave_half_of_the_inner_radius_in_every_direction(thrust: float, tilt: float) -> None:
+    limits = InputSet(thrust * GRAVITY, math.radians(tilt))
+    bounds = PathLimits.within(limits, 1.0)
+    angle = np.linspace(0.0, 2.0 * np.pi, 32)
+    for upward in (-bounds.vertical, 0.0, bounds.vertical):
+        v = np.stack(
+            [bounds.horizontal * np.cos(angle), bounds.horizontal * np.sin(angle), np.full(32, upward)], axis=1
+        )
+        assert limits.margin(v).min() >= 0.5 * limits.inner_radius - 1e-9
