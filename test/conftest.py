@@ -54,7 +54,8 @@ settings.load_profile("ci")
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Keep the tests that start processes on one worker, where each has the machine's time to itself."""
     for item in items:
-        if item.path.is_relative_to(TEST / "nodes") or item.path.is_relative_to(TEST / "cli"):
+        elsewhere = not any(item.path.is_relative_to(TEST / room) for room in ("nodes", "cli"))
+        if not elsewhere and item.get_closest_marker("in_process") is None:
             item.add_marker(pytest.mark.xdist_group("processes"))
 
 

@@ -20,6 +20,8 @@ from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.ros import cdr, messages
 from flatsat_ros.nodes.ros.messages import NANOSECONDS
 
+pytestmark = pytest.mark.in_process
+
 NUMBERS = st.floats(allow_nan=False)
 STAMPS = st.integers(0, 2**31 * NANOSECONDS - 1)
 

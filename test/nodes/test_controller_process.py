@@ -16,10 +16,13 @@ import numpy as np
 import pytest
 import rclpy
 from geometry_msgs.msg import PoseStamped, Twist
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from rclpy.experimental import EventsExecutor
 from rclpy.serialization import deserialize_message, serialize_message
 from std_srvs.srv import SetBool, Trigger
 
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.flight.supervisor import Mode
@@ -31,6 +34,8 @@ from flatsat_ros.nodes.ros.diagnostics import Level
 from flatsat_ros.nodes.ros.messages import NANOSECONDS
 from flatsat_ros.nodes.ros.stamps import StampClock
 from flatsat_ros.sim.fleet import SimulatedFleet
+
+pytestmark = pytest.mark.in_process
 
 EPOCH = 1_700_000_000 * NANOSECONDS
 
@@ -207,6 +212,46 @@ def test_what_one_drone_is_sent_does_not_touch_another(room: Callable[..., Room]
         assert lab.wires[1].sent == quiet.wires[1].sent[: len(lab.wires[1].sent)], name
     assert [len(wire.sent) for wire in lab.wires] == [len(wire.sent) for wire in quiet.wires]
     assert not lab.node.faults.count("cf2")
+
+
+PATH = Trajectory.through([0.0, 2.0], [[0.0, 0.0, 1.0], [0.3, 0.0, 1.0]], np.zeros((2, 3)), np.zeros((2, 3)))
+GOOD = {
+    "pose": pose(PLACE, UP, stamp=LATER),
+    "goal_pose": pose(PLACE, UP),
+    "trajectory": serialize_message(messages.message_from_trajectory(PATH, 0)),
+}
+# of bytes, those that make numbers extreme
+BYTES = st.sampled_from([0x00, 0x01, 0x7F, 0x80, 0xF0, 0xFF]) | st.integers(0, 255)
+DAMAGE = st.lists(st.tuples(st.integers(0, 1000), BYTES), min_size=1, max_size=6)
+
+
+def test_a_damaged_message_is_refused_or_harmless(room: Callable[..., Room], monkeypatch: pytest.MonkeyPatch) -> None:
+    lab = room("-p", "certificate:=cf21_50hz")
+    lab.hover("cf1", "cf2")
+    failed: list[Exception] = []
+    note = lab.node.faults.note
+
+    def remember(name: str, error: Exception) -> None:
+        note(name, error)
+        if not isinstance(error, FlatsatError):
+            failed.append(error)
+
+    monkeypatch.setattr(lab.node.faults, "note", remember)
+
+    @settings(max_examples=200)
+    @given(st.sampled_from(sorted(GOOD)), DAMAGE, st.none() | st.integers(0, 400))
+    def damage(topic: str, changes: list[tuple[int, int]], length: int | None) -> None:
+        data = bytearray(GOOD[topic])
+        for place, value in changes:
+            data[place % len(data)] = value
+        lab.deliver(f"cf1/{topic}", bytes(data[:length]))
+        lab.run(2.0 * lab.period)
+        assert not failed
+        assert lab.modes[1] is Mode.FLY
+        assert lab.fleet.bodies.position[1] == pytest.approx((1.0, 0.0, 1.0), abs=0.1)
+
+    damage()
+    assert 20 < lab.node.faults.count("cf1") < 190, "some are refused, and some are not"
 
 
 def test_the_name_of_another_frame_is_told_and_may_be_made_ours(

@@ -7,6 +7,8 @@ import pytest
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.nodes.ros.faults import Faults
 
+pytestmark = pytest.mark.in_process
+
 
 class Log:
     """Keeps what is told."""

@@ -20,6 +20,8 @@ from flatsat_ros.nodes.mocap_player import MocapPlayer
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 from flatsat_ros.nodes.sim_drone import SimDrone
 
+pytestmark = pytest.mark.in_process
+
 
 def given(**values: object) -> list[str]:
     """Command line that gives parameters; `__` in a name stands for a dot."""

@@ -18,6 +18,8 @@ from flatsat_ros.sim.closed_loop import fly
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.sensor import Sample
 
+pytestmark = pytest.mark.in_process
+
 HOVER = 40000.0  # PWM
 
 

@@ -22,6 +22,8 @@ from std_srvs.srv import Empty, Trigger
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run, spin_once
 
+pytestmark = pytest.mark.in_process
+
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 PERIOD = 0.01  # s
 

@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from flatsat_ros.nodes.ros.messages import NANOSECONDS
 from flatsat_ros.nodes.ros.stamps import StampClock
 
+pytestmark = pytest.mark.in_process
+
 PERIOD = 10_000_000  # ns, of the looks
 DELAY = 8_000_000  # ns, from a measurement to its look
 EPOCH = 1_700_000_000 * NANOSECONDS
