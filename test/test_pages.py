@@ -204,6 +204,11 @@ def test_what_is_not_there_is_found(check: str, text: str, culprit: str) -> None
     assert CHECKS[check](text) == [culprit]
 
 
+def test_the_readme_leads_to_every_page() -> None:
+    links = set(_LINK.findall(prose((ROOT / "README.md").read_text(encoding="utf-8"))))
+    assert {file.relative_to(ROOT).as_posix() for file in PAGES[1:]} - links == set()
+
+
 def test_dead_links_are_found() -> None:
     page = "[a](CONTRIBUTING.md) [b](nothing.md) [c](#nothing) [d](CONTRIBUTING.md#nothing) [e](https://example.org/#x)"
     assert dead_links(ROOT / "README.md", page) == ["nothing.md", "#nothing", "CONTRIBUTING.md#nothing"]
