@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from flatsat_ros.falsification.faults.criteria import Bounds
-from flatsat_ros.falsification.faults.phases import CLIMBING, STANDING, Phase
+from flatsat_ros.falsification.faults.phases import STANDING, Phase
 from flatsat_ros.falsification.faults.scene import Scene
 from flatsat_ros.sim.faults import CommandFault, PoseFault, of_drones
 
@@ -30,8 +30,8 @@ class Fault:
         special: bounds in some phases instead.
         victims: the drones with the fault.
         fleet: arguments of the Scene: what is wrong from the first moment on.
-        since_take_off: in the take-off it begins so long after the drones were told to rise, s; EARLY for anything that
-            was set up wrong.
+        since_take_off: in the take-off it begins so long after the drones were told to rise, s, EARLY for anything that
+            was set up wrong; None: when they have risen a little.
         height: of the flight, m.
         watched: for how long after the last step the drones are watched, s.
     """
@@ -43,7 +43,7 @@ class Fault:
     special: Mapping[Phase, Bounds] = field(default_factory=dict)
     victims: tuple[int, ...] = ONE
     fleet: Mapping[str, Any] = field(default_factory=dict)
-    since_take_off: float = CLIMBING
+    since_take_off: float | None = None
     height: float = 1.0
     watched: float = 10.0
 

@@ -14,7 +14,9 @@ from flatsat_ros.planning.spline import spline_through
 
 STANDING = 1.0  # s on the floor before the take-off
 _SETTLING = 12.0  # s from the take-off to a hover in which the thrust has been learnt
-CLIMBING = 1.0  # s from the request of the take-off, the unlocking of 0.3 s among them
+# of the height of the flight, but at most m: a drone that is so high has begun to climb; the latest time for it, s
+_RISEN, _RISEN_MOST, _RISEN_LATEST = 0.5, 0.25, 6.0
+_SLICE = 0.1  # s
 _WAY = (0.0, 2.0, 0.0)  # m, of a drone that moves
 _MOVING = 1.2  # s on the way
 _SINKING = 1.0  # s since the landing began
@@ -51,16 +53,23 @@ class Plan:
     lands: bool = False
 
 
-def _climb(scene: Scene, height: float) -> None:
+def _take_off(scene: Scene, height: float) -> None:
     for drone in range(scene.fleet.count):
         scene.record.extend_path(drone, scene.place[drone] + (0.0, 0.0, height))
         scene.take_off(drone, height)
-    scene.let_pass(CLIMBING)
+
+
+def _climb(scene: Scene, height: float) -> None:
+    risen = scene.place[:, 2] + min(_RISEN * height, _RISEN_MOST)
+    latest = scene.time + _RISEN_LATEST
+    _take_off(scene, height)
+    while scene.time < latest and not (scene.place[:, 2] >= risen).all():
+        scene.let_pass(_SLICE)
 
 
 def _hover(scene: Scene, height: float) -> None:
-    _climb(scene, height)
-    scene.let_pass(_SETTLING - CLIMBING)
+    _take_off(scene, height)
+    scene.let_pass(_SETTLING)
 
 
 def _move(scene: Scene, height: float) -> None:

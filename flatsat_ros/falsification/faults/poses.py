@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 
 from flatsat_ros.falsification.faults.criteria import Bounds, End
 from flatsat_ros.falsification.faults.fault import ALL, EARLY, ONE, Action, Fault, end, poses
-from flatsat_ros.falsification.faults.phases import CLIMBING, Phase
+from flatsat_ros.falsification.faults.phases import Phase
 from flatsat_ros.falsification.faults.scene import Scene
 from flatsat_ros.sim import faults
 from flatsat_ros.sim.faults import PoseFault
@@ -55,7 +55,7 @@ def _lasting(
     *,
     victims: tuple[int, ...] = ONE,
     special: Mapping[Phase, Bounds] | None = None,
-    since_take_off: float = CLIMBING,
+    since_take_off: float | None = None,
 ) -> Fault:
     step = (0.0, poses(make, victims))
     return Fault(name, meaning, (step,), bounds, special or {}, victims=victims, since_take_off=since_take_off)

@@ -76,22 +76,27 @@ def _row(which: tuple[str, Phase]) -> Row:
 def fly_row(name: str, phase: Phase, seed: int = SEED) -> Row:
     """Fly one row."""
     fault = FAULTS[name]
-    if fault.fleet or phase is Phase.TAKE_OFF:
+    if fault.fleet or _is_early(fault, phase):
         return replay(name, phase, seed)[0]
     return _finish(name, phase, deepcopy(_reached(phase, fault.height, seed)))
 
 
 def replay(name: str, phase: Phase, seed: int = SEED) -> tuple[Row, Scene]:
     """Fly one row from its beginning, and return it with its flight, whose moments are kept."""
-    fault, plan = FAULTS[name], PLANS[phase]
-    scene = Scene(plan.starts, seed, keep=True, **fault.fleet)
-    if phase is not Phase.TAKE_OFF:
+    fault = FAULTS[name]
+    scene = Scene(PLANS[phase].starts, seed, keep=True, **fault.fleet)
+    if not _is_early(fault, phase):
         _reach(phase, scene, fault.height)
         return _finish(name, phase, scene), scene
-    begin = STANDING + fault.since_take_off
+    begin = STANDING + (fault.since_take_off or 0.0)
     _plan(scene, fault, begin)
     _reach(phase, scene, fault.height)
     return _judged(name, phase, scene, begin), scene
+
+
+def _is_early(fault: Fault, phase: Phase) -> bool:
+    """Tell whether a fault begins before the drones have risen."""
+    return phase is Phase.TAKE_OFF and fault.since_take_off is not None
 
 
 @cache
@@ -123,7 +128,7 @@ def _plan(scene: Scene, fault: Fault, begin: float) -> None:
 
 def _watch(scene: Scene, fault: Fault, begin: float) -> None:
     """Fly on until nothing more is to be expected."""
-    last = begin + max((delay for delay, _ in fault.steps), default=0.0)
+    last = max(begin + max((delay for delay, _ in fault.steps), default=0.0), scene.time)
     end = last + fault.watched + _PER_METRE * max(fault.height - 1.0, 0.0)
     with np.errstate(all="ignore"):  # see _reach
         while scene.time < end and scene.time - max(scene.record.resting_since, last) < _RESTING:
