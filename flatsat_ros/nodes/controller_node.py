@@ -25,6 +25,7 @@ from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.crazyflie.wire import Backend, WireSetpoint, YawMode, setpoint_from_command
 from flatsat_ros.flight import telemetry
 from flatsat_ros.flight.pilot import Command, Pilot, Tick
+from flatsat_ros.flight.stamps import StampClock
 from flatsat_ros.flight.supervisor import AIRBORNE, Mode, Transition
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.crazyswarm import SETTLING_TIME, DroneLink
@@ -43,7 +44,6 @@ from flatsat_ros.nodes.ros.parameters import (
     require_known_parameters,
 )
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
-from flatsat_ros.nodes.ros.stamps import StampClock
 from flatsat_ros.nodes.tuning import TuningParameters
 
 # how often services of the drones' links and rivals are looked for, s

@@ -25,6 +25,7 @@ from std_srvs.srv import SetBool, Trigger
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
+from flatsat_ros.flight.stamps import StampClock
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.controller_node import ControllerNode
@@ -32,7 +33,6 @@ from flatsat_ros.nodes.flight_report import FlightLog
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.diagnostics import Level
 from flatsat_ros.nodes.ros.messages import NANOSECONDS
-from flatsat_ros.nodes.ros.stamps import StampClock
 from flatsat_ros.sim.fleet import SimulatedFleet
 
 pytestmark = pytest.mark.in_process

@@ -21,11 +21,10 @@ from std_srvs.srv import SetBool
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.constants import NANOSECONDS as NANOSECONDS
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.flight.trajectory import Trajectory
-
-NANOSECONDS = 1_000_000_000
 
 
 def stamp_from_nanoseconds(nanoseconds: int) -> Time:

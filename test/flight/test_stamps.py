@@ -8,10 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flatsat_ros.nodes.ros.messages import NANOSECONDS
-from flatsat_ros.nodes.ros.stamps import StampClock
-
-pytestmark = pytest.mark.in_process
+from flatsat_ros.base.constants import NANOSECONDS
+from flatsat_ros.flight.stamps import StampClock
 
 PERIOD = 10_000_000  # ns, of the looks
 DELAY = 8_000_000  # ns, from a measurement to its look

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from flatsat_ros.nodes.ros.messages import NANOSECONDS
+from flatsat_ros.base.constants import NANOSECONDS
 
 # a larger change of the offset between two looks is a clock that was set, ns; more than /clock at 20 Hz moves by itself
 _JUMP = 50_000_000
