@@ -22,6 +22,7 @@ os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 101)
 import law
 import numpy as np
 import processes
+import tick
 from report import Quartiles, Target, quartiles, table
 from tqdm import tqdm
 
@@ -42,8 +43,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run everything, print tables and write bench.json."""
     parser = argparse.ArgumentParser(prog="bench", description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("out/bench"), help="folder (default: %(default)s)")
-    folder: Path = parser.parse_args(argv).output
+    parser.add_argument("--against", metavar="COMMIT", help="only time the tick beside this commit's")
+    arguments = parser.parse_args(argv)
+    folder: Path = arguments.output
     make_folder(folder)
+    if arguments.against is not None:
+        return _compare_ticks(arguments.against)
     os.environ["ROS_LOG_DIR"] = str((folder / "log").resolve())
     try:
         targets: list[Target] = []
@@ -167,6 +172,21 @@ def _compare_offsets(targets: list[Target]) -> dict[str, Any]:
     print("Three drones at 50 Hz, mu = 2: steady error of the hover and RMS error of the swap, the worst drone, cm")
     print(table(["", *(f"hover, {key}" for key in policies), *(f"swap, {key}" for key in policies)], rows))
     return results
+
+
+def _compare_ticks(commit: str) -> int:
+    """Print the tick of this tree over that of a commit."""
+    try:
+        found = tick.compare(commit)
+    except RuntimeError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    rows = [
+        [str(size), str(quartiles(times.ours)), str(quartiles(times.theirs)), str(_ratio(times.ours, times.theirs))]
+        for size, times in found.items()
+    ]
+    print(f"The whole tick, us, in turns; the commands agree\n{table(['drones', 'now', commit, 'ratio'], rows)}")
+    return 0
 
 
 def _ratio(values: Sequence[float], others: Sequence[float]) -> Quartiles:

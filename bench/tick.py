@@ -1,0 +1,115 @@
+"""The tick of this tree beside the tick of an earlier commit, in turns: `make bench ARGS="--against COMMIT"`.
+
+Run as a program with the folder of a tree it times that tree's tick and prints the result; the names that it uses stood
+elsewhere before the package was sorted into rooms.
+"""
+
+from __future__ import annotations
+
+import importlib
+import io
+import json
+import subprocess
+import sys
+import tarfile
+import tempfile
+from pathlib import Path
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import numpy as np
+
+SIZES = (1, 10, 100)
+_ROUNDS = 7
+_SETTLED, _TICKS = 60, 200  # ticks before and while it is timed
+_PERIOD = 0.02  # s, of the certificate cf21_50hz
+_ROUNDING = 1e-6  # relative, of commands of both trees
+
+
+class Comparison(NamedTuple):
+    """Tick times of one number of drones, us, round by round."""
+
+    ours: list[float]
+    theirs: list[float]
+
+
+def compare(commit: str) -> dict[int, Comparison]:
+    """Time the ticks of this tree and of a commit of its history in turns.
+
+    Args:
+        commit: any name that git knows.
+
+    Returns:
+        The times by the number of drones.
+
+    Raises:
+        RuntimeError: git does not know the commit, or the two trees command the drones differently.
+    """
+    root = Path(__file__).resolve().parents[1]
+    with tempfile.TemporaryDirectory(prefix="flatsat_ros-bench-") as folder:
+        archive = subprocess.run(["git", "-C", str(root), "archive", commit], capture_output=True, check=False)
+        if archive.returncode != 0:
+            raise RuntimeError(archive.stderr.decode(errors="replace").strip())
+        with tarfile.open(fileobj=io.BytesIO(archive.stdout)) as tar:
+            tar.extractall(folder, filter="data")
+        rounds = [
+            {name: _run(Path(tree)) for name, tree in (("ours", root), ("theirs", folder))} for _ in range(_ROUNDS)
+        ]
+    for size in map(str, SIZES):
+        ours, theirs = (np.array(rounds[0][name][size]["command"]) for name in ("ours", "theirs"))
+        if not np.allclose(ours, theirs, rtol=_ROUNDING, atol=_ROUNDING):
+            raise RuntimeError(f"{size} drones are commanded {ours.tolist()} now and {theirs.tolist()} at {commit}")
+    return {
+        size: Comparison(*([one[name][str(size)]["us"] for one in rounds] for name in ("ours", "theirs")))
+        for size in SIZES
+    }
+
+
+def _run(tree: Path) -> dict[str, Any]:
+    command = [sys.executable, __file__, str(tree)]
+    answer: dict[str, Any] = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    return answer
+
+
+def _name(*places: str) -> Any:
+    """Return the first of some dotted names that is there."""
+    for place in places:
+        module, _, name = place.rpartition(".")
+        try:
+            return getattr(importlib.import_module(f"flatsat_ros.{module}"), name)
+        except (ImportError, AttributeError):
+            continue
+    raise ImportError(f"none of {', '.join(places)} is there")
+
+
+def _time(tree: Path, size: int) -> dict[str, Any]:
+    """Return the median time of a tick, us, and a command of the first drone, of drones led to a set-point."""
+    certificate = _name("certificate.certificate.Certificate", "core.certificate.Certificate").load(
+        tree / "config" / "cf21_50hz.yaml"
+    )
+    policy = _name("flight.supervisor.Policy", "core.supervisor.Policy")
+    tuning = _name("law.gain.Tuning", "core.gain.Tuning")(2.0, 0.05, 1.0, certificate.gain_max)
+    hold = _name("flight.trajectory.Trajectory", "flight.reference.Trajectory", "core.reference.Trajectory").hold
+    step = {"goal_mode": _name("flight.supervisor.GoalMode").STEP} if "goal_mode" in policy.__dataclass_fields__ else {}
+    pilot = _name("flight.pilot.Pilot", "core.pilot.Pilot")(
+        certificate, tuning, policy(disturbance_max=0.8, **step), size
+    )
+    places = [(0.1 * i, 0.0, 1.0) for i in range(size)]
+    for index, (x, y, z) in enumerate(places):
+        getattr(pilot, "set_reference", getattr(pilot, "refer", None))(index, hold([x + 0.5, y, z]))
+    times = []
+    for number in range(_SETTLED + _TICKS):
+        now = number * _PERIOD
+        for index, place in enumerate(places):
+            pilot.measure(index, now, place, (0.0, 0.0, 0.0, 1.0), now)
+        begin = perf_counter()
+        tick = pilot.tick(now)
+        times.append(perf_counter() - begin)
+        if number == _SETTLED:
+            command = tick.input[0].tolist()
+    return {"us": 1e6 * float(np.median(times[_SETTLED:])), "command": command}
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, sys.argv[1])
+    print(json.dumps({size: _time(Path(sys.argv[1]), size) for size in SIZES}))
