@@ -391,7 +391,9 @@ def test_every_transition_is_logged_and_a_take_off_that_ends_before_it_begins_is
     assert lab.ask("cf1/flatsat/takeoff").success
     lab.run(0.1)
     lab.blind = {0}
-    lab.run(0.5)
+    lab.run(4.0)
+    assert lab.modes[0] is Mode.UNLOCK, "it waits for poses that pause"
+    lab.run(2.0)
     assert lab.modes[0] is Mode.IDLE
     lab.blind = set()
     lab.run(0.5)
@@ -406,7 +408,7 @@ def test_every_transition_is_logged_and_a_take_off_that_ends_before_it_begins_is
         "UNLOCK -> FLY",
     ]
     assert [line.split("]")[0] for line in lines] == ["[INFO", "[ERROR", "[INFO", "[INFO"]
-    assert "no reference or no usable pose" in lines[1]
+    assert "the take-off is given up: no usable pose" in lines[1]
 
 
 def test_lines_about_a_drone_are_throttled(room: Callable[..., Room], capfd: pytest.CaptureFixture[str]) -> None:

@@ -11,6 +11,7 @@ from geometry_msgs.msg import PoseStamped
 from std_srvs.srv import SetBool
 
 from flatsat_ros.nodes.ros import interfaces, messages
+from flatsat_ros.nodes.ros.cdr import yaw_from_quaternion
 
 if TYPE_CHECKING:
     from conftest import Lab
@@ -48,10 +49,12 @@ def test_drones_of_two_types_fly_side_by_side_and_turn_to_their_yaw(lab: Lab, cr
         lab.publish(interfaces.GOAL, robot, goal)
     for robot, y in (("cf1", 0.0), ("cf2", 1.0)):
         lab.wait_for_flight(robot, poses[robot], (0.3, y, 0.5))
-        lab.wait(
-            lambda robot=robot: abs(messages.yaw_from_quaternion(poses[robot][-1].pose.orientation) - 1.0) < 0.1,  # type: ignore[misc]
-            f"{robot} to turn",
-        )
+
+        def turned(seen: list[PoseStamped] = poses[robot]) -> bool:
+            q = seen[-1].pose.orientation
+            return abs(yaw_from_quaternion(q.x, q.y, q.z, q.w) - 1.0) < 0.1
+
+        lab.wait(turned, f"{robot} to turn")
     # hovering, 29 g of 0.480 N and 39.3 g of 0.800 N
     hover = {robot: commands[robot][-1].linear.z for robot in commands}
     assert hover["cf1"] == pytest.approx(38842, rel=0.05)
