@@ -16,7 +16,7 @@ from flatsat_ros.demo.record import FlightRecord, RobotRecord
 from flatsat_ros.flight.trajectory import Trajectory
 
 # the paper's way-points, {[0,-6,1],[6,6,1],[-6,6,1]} x 10 cm in x and y, m
-_PAPER_WAYPOINTS = np.array([[0.0, -0.6, 1.0], [0.6, 0.6, 1.0], [-0.6, 0.6, 1.0]])
+PAPER_WAYPOINTS = np.array([[0.0, -0.6, 1.0], [0.6, 0.6, 1.0], [-0.6, 0.6, 1.0]])
 _NEIGHBOUR_DISTANCE = 1.25  # m, between neighbours on the ring that replaces the triangle for more drones
 LEG_TIME = 4.0  # s from one way-point to the next; the paper prints none
 MU, V_INF, GAMMA_0 = 2.0, 0.05, 1.0  # Table III
@@ -95,15 +95,11 @@ def plan(
         certificate = synthesize(certificate.limits, certificate.rate, 1.0 / rate, f"demo_{rate:g}_hz")
         path = folder / "certificate.yaml"
         certificate.save(path)
-    from flatsat_ros.planning.spline import spline_through
-
     ring = _ring(count)
     legs = math.ceil(seconds / LEG_TIME - 1e-9)
-    swaps = []
-    for i in range(count):
-        swap = spline_through([ring[(i + leg) % len(ring)] for leg in range(legs + 1)], LEG_TIME)
+    swaps = [swap_between(ring, i, legs) for i in range(count)]
+    for swap in swaps:
         swap.require_margin(certificate.limits)
-        swaps.append(swap)
     gathering = ring[:count]
     return Scenario(
         robots=[f"cf{i + 1}" for i in range(count)],
@@ -117,10 +113,23 @@ def plan(
     )
 
 
+def swap_between(places: FloatArray, index: int, legs: int) -> Trajectory:
+    """Return the reference of a drone that goes from place to place, from rest to rest, `LEG_TIME` for each leg.
+
+    Args:
+        places: (M, 3) in the order in which they are visited, m.
+        index: of the place at which the drone begins.
+        legs: how often it goes on to the next place; after the last place comes the first.
+    """
+    from flatsat_ros.planning.spline import spline_through  # scipy takes a while to import
+
+    return spline_through([places[(index + leg) % len(places)] for leg in range(legs + 1)], LEG_TIME)
+
+
 def _ring(count: int) -> FloatArray:
     """Return the way-points: the paper's triangle for up to three drones, a ring with room for all otherwise."""
-    if count <= len(_PAPER_WAYPOINTS):
-        return _PAPER_WAYPOINTS
+    if count <= len(PAPER_WAYPOINTS):
+        return PAPER_WAYPOINTS
     angle = 2.0 * np.pi * np.arange(count) / count
     radius = _NEIGHBOUR_DISTANCE / (2.0 * math.sin(math.pi / count))
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.ones(count)], axis=1)

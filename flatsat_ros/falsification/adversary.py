@@ -12,7 +12,7 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
+from flatsat_ros.certificate.closed_form import closed_form_certificate
 from flatsat_ros.falsification.loops import disturbance_matrix, unit, worst_disturbance
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.law.input_set import InputSet
@@ -34,8 +34,7 @@ def certificate(random: np.random.Generator) -> Certificate:
     """Draw limits, alpha from 0.3 to 4 1/s and alpha h from 0.01 to 1, and certify them in closed form."""
     bounds, rate = limits(random), 0.3 * 13.0 ** random.random()
     period = 10.0 ** random.uniform(-2.0, 0.0) / rate
-    ball, (low, high) = bounds.inner_radius**2, hold_gain_interval(rate, period)
-    return Certificate("drawn", bounds, rate, closed_form_block(rate), ball, ball / rate, period, low, high)
+    return closed_form_certificate(bounds, rate, period, "drawn")
 
 
 def with_limits(proven: Certificate, bounds: InputSet) -> Certificate:

@@ -11,16 +11,15 @@ from typing import NamedTuple
 import numpy as np
 
 from flatsat_ros.base.constants import GRAVITY
-from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
+from flatsat_ros.certificate.closed_form import closed_form_certificate
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
+from flatsat_ros.demo.scenario import LEG_TIME, PAPER_WAYPOINTS, POSE_NOISE, swap_between
 from flatsat_ros.flight.pilot import Pilot, Tick
 from flatsat_ros.flight.supervisor import GoalMode, Policy
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.law.input_set import InputSet
-from flatsat_ros.planning.spline import spline_through
 from flatsat_ros.sim.closed_loop import fly
 from flatsat_ros.sim.dynamics import Wind
 from flatsat_ros.sim.fleet import SimulatedFleet
@@ -29,8 +28,8 @@ from flatsat_ros.sim.sensor import MotionCapture, Sample
 # the paper's swap, at the rate and with the thrust that a lab flies
 LIMITS = InputSet(1.45 * GRAVITY, math.radians(10.0))
 RATE, PERIOD, MU, V_INF = 1.25, 0.02, 2.0, 0.05
-PLACES = np.array([[0.0, -0.6, 1.0], [0.6, 0.6, 1.0], [-0.6, 0.6, 1.0]])
-LEG, CLIMB, WATCHED = 4.0, 15.0, 0.5  # s: a leg of the swap, from the floor to its start, of the hover before it
+PLACES = PAPER_WAYPOINTS
+CLIMB, WATCHED = 15.0, 0.5  # s: from the floor to the start of the swap, of the hover before it
 
 PAPER = Policy(goal_mode=GoalMode.STEP)
 OFFSET_FREE = Policy(disturbance_max=0.8, goal_mode=GoalMode.STEP)
@@ -72,10 +71,8 @@ def swap(vehicle: str, trouble: Trouble, policy: Policy) -> SwapErrors:
         trouble: what is wrong.
         policy: what the pilot estimates and compensates.
     """
-    low, high = hold_gain_interval(RATE, PERIOD)
-    ball = LIMITS.inner_radius**2
-    proof = Certificate("50 Hz", LIMITS, RATE, closed_form_block(RATE), ball, ball / RATE, PERIOD, low, high)
-    pilot = Pilot(proof, Tuning(MU, V_INF, 1.0, high), policy, len(PLACES))
+    certificate = closed_form_certificate(LIMITS, RATE, PERIOD, "50 Hz")
+    pilot = Pilot(certificate, Tuning(MU, V_INF, 1.0, certificate.gain_max), policy, len(PLACES))
     profile = load_vehicle(vehicle)
     fleet = SimulatedFleet(
         profile,
@@ -83,7 +80,7 @@ def swap(vehicle: str, trouble: Trouble, policy: Policy) -> SwapErrors:
         start=PLACES * (1.0, 1.0, 0.0),
         thrust_scale=trouble.thrust_scale,
         wind=Wind(mean=(trouble.wind, 0.0, 0.0)),
-        capture=MotionCapture(noise=5e-4),
+        capture=MotionCapture(noise=POSE_NOISE),
         seed=1,
     )
     errors = []
@@ -101,8 +98,7 @@ def swap(vehicle: str, trouble: Trouble, policy: Policy) -> SwapErrors:
     hovered = np.array(errors[-round(WATCHED / PERIOD) :]).mean(axis=0)
     errors.clear()
     for i in range(len(PLACES)):
-        legs = [PLACES[(i + leg) % len(PLACES)] for leg in range(len(PLACES) + 1)]
-        pilot.set_reference(i, spline_through(legs, LEG).shifted(now))
-    fly(pilot, fleet, profile, now + len(PLACES) * LEG, observe, start=now)
+        pilot.set_reference(i, swap_between(PLACES, i, len(PLACES)).shifted(now))
+    fly(pilot, fleet, profile, now + len(PLACES) * LEG_TIME, observe, start=now)
     swapped = np.sqrt(np.mean(np.square(errors), axis=0))
     return SwapErrors(float(hovered.max()), float(swapped.max()), within)

@@ -7,6 +7,7 @@ import copy
 import dataclasses
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,19 +21,15 @@ from hypothesis import strategies as st
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
+from flatsat_ros.certificate.closed_form import closed_form_certificate
 from flatsat_ros.law.input_set import InputSet
 
 
 def make(thrust: float = 1.45, tilt: float = math.pi / 18, rate: float = 1.25, period: float = 0.1) -> Certificate:
     """The closed form, as synthesis fills it in."""
     limits = InputSet(thrust * GRAVITY, tilt)
-    ball = limits.inner_radius**2
     provenance = {"source": "a test: with a colon", "residuals": {"Q": 1.0e-8}}
-    return Certificate(
-        "test", limits, rate, closed_form_block(rate), ball, ball / rate, period, *hold_gain_interval(rate, period),
-        provenance,
-    )  # fmt: skip
+    return replace(closed_form_certificate(limits, rate, period, "test"), provenance=provenance)
 
 
 VALID = make()

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
+from flatsat_ros.certificate.closed_form import closed_form_certificate
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.supervisor import GoalMode, Policy
 from flatsat_ros.flight.trajectory import Trajectory
@@ -25,10 +25,7 @@ RATE = 1.25
 
 
 def certificate() -> Certificate:
-    limits = InputSet(1.45 * GRAVITY, np.radians(10.0))
-    low, high = hold_gain_interval(RATE, PERIOD)
-    ball = limits.inner_radius**2
-    return Certificate("test", limits, RATE, closed_form_block(RATE), ball, ball / RATE, PERIOD, low, high)
+    return closed_form_certificate(InputSet(1.45 * GRAVITY, np.radians(10.0)), RATE, PERIOD, "test")
 
 
 @given(

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.constants import GRAVITY
-from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
+from flatsat_ros.certificate.closed_form import closed_form_certificate
 from flatsat_ros.law.controller import Controller, Memory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.law.input_set import InputSet
@@ -24,12 +23,7 @@ seeds = st.integers(0, 2**32 - 1)
 gains = st.floats(1.0, 15.0)
 
 
-def certificate() -> Certificate:
-    low, high = hold_gain_interval(RATE, 0.1)
-    return Certificate("test", LIMITS, RATE, closed_form_block(RATE), RADIUS**2, RADIUS**2 / RATE, 0.1, low, high)
-
-
-PROOF = certificate()
+PROOF = closed_form_certificate(LIMITS, RATE, 0.1, "test")
 
 
 def states(seed: int, level: float, count: int = 50) -> np.ndarray:
@@ -109,7 +103,7 @@ def test_under_a_constant_drift_v_settles_at_the_same_level_for_every_gain(gain:
 
 def test_with_a_leak_the_gain_settles_where_growth_and_leak_balance() -> None:
     mu, nu, w = 2.0, 0.2, 0.25
-    proof, start = certificate(), np.array([[2.0 * w / RATE, 0.0, 0.0, -w, 0.0, 0.0]])
+    proof, start = PROOF, np.array([[2.0 * w / RATE, 0.0, 0.0, -w, 0.0, 0.0]])
     law = Controller(proof, Tuning(mu, THRESHOLD, 1.0, proof.gain_max, nu))
     memory = law.start()
     for _ in range(1000):

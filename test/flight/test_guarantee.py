@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
+from flatsat_ros.certificate.closed_form import closed_form_certificate
 from flatsat_ros.certificate.sets import Place
 from flatsat_ros.flight.guarantee import GuaranteeMonitor
 from flatsat_ros.flight.pilot import Pilot, Tick
@@ -22,9 +22,7 @@ from flatsat_ros.law.input_set import InputSet
 
 LIMITS = InputSet(1.45 * GRAVITY, np.radians(10.0))
 PERIOD, RATE = 0.1, 1.25
-LOW, HIGH = hold_gain_interval(RATE, PERIOD)
-BALL = LIMITS.inner_radius**2
-PROOF = Certificate("test", LIMITS, RATE, closed_form_block(RATE), BALL, BALL / RATE, PERIOD, LOW, HIGH)
+PROOF = closed_form_certificate(LIMITS, RATE, PERIOD, "test")
 FIXED, MOVING = np.ones(1, dtype=bool), np.zeros(1, dtype=bool)
 FULL = np.array([LIMITS.inner_radius])
 
@@ -56,7 +54,7 @@ def test_half_the_margin_leaves_a_quarter_of_the_level(error: np.ndarray, share:
 
 def fly(policy: Policy, push: float) -> tuple[float, bool]:
     """Height error after 20 s under a constant vertical push, ideal dynamics, and whether all limits were kept."""
-    pilot = Pilot(PROOF, Tuning(2.0, 0.05, 1.0, HIGH), policy, 1)
+    pilot = Pilot(PROOF, Tuning(2.0, 0.05, 1.0, PROOF.gain_max), policy, 1)
     pilot.set_reference(0, Trajectory.hold([0.0, 0.0, 1.0]))
     state, within = np.array([0.0, 0.0, 0.5, 0.0, 0.0, 0.0]), True
     for number in range(200):
@@ -88,7 +86,7 @@ def test_at_most_the_stated_disturbance_is_compensated() -> None:
 
 
 def test_a_compensating_flight_claims_no_guarantee() -> None:
-    pilot = Pilot(PROOF, Tuning(2.0, 0.05, 1.0, HIGH), Policy(disturbance_max=0.8), 1)
+    pilot = Pilot(PROOF, Tuning(2.0, 0.05, 1.0, PROOF.gain_max), Policy(disturbance_max=0.8), 1)
     pilot.set_reference(0, Trajectory.hold([0.0, 0.0, 1.0]))
     for number in range(30):
         pilot.measure(0, number * PERIOD, (0.0, 0.0, 0.9), (0.0, 0.0, 0.0, 1.0), number * PERIOD)

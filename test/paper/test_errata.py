@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.closed_form import closed_form_certificate
 from flatsat_ros.certificate.gain_bounds import continuous_gain_bound, sampled_gain_bound, settling_time_bound
-from flatsat_ros.certificate.lyapunov import closed_form_block, decay_residual, hold_gain_interval
+from flatsat_ros.certificate.lyapunov import closed_form_block, decay_residual
 from flatsat_ros.certificate.robust import robust_residual
 from flatsat_ros.law.controller import Controller, Memory
 from flatsat_ros.law.gain import Tuning
@@ -31,8 +32,7 @@ Vector = tuple[float, float, float]
 
 def certificate(rate: float) -> Certificate:
     """The closed form for the limits of Table I at the experiment's period."""
-    ball, (low, high) = LIMITS.inner_radius**2, hold_gain_interval(rate, 0.1)
-    return Certificate("errata", LIMITS, rate, closed_form_block(rate), ball, ball / rate, 0.1, low, high)
+    return closed_form_certificate(LIMITS, rate, 0.1, "errata")
 
 
 def certified_rate(block: np.ndarray) -> float:
