@@ -180,23 +180,22 @@ def test_a_node_that_dies_in_flight_fails_the_demo_and_leaves_no_process(
     assert end(nodes)
 
 
-def test_an_interrupted_demo_stops_its_nodes(live: subprocess.Popen[str], tmp_path: Path) -> None:
-    nodes = flying(live, tmp_path)
-    live.send_signal(signal.SIGINT)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stopped_demo_stops_its_nodes(number: signal.Signals, live: subprocess.Popen[str]) -> None:
+    wait_for(live, lambda: len(children(live.pid)) == 4)
+    nodes = children(live.pid)
+    live.send_signal(number)
     _, errors = live.communicate(timeout=60)
-    assert live.returncode == 130
+    assert live.returncode == 128 + number
     assert errors.endswith("stopped\n")
     assert "Traceback" not in errors
     assert not any(Path(f"/proc/{pid}").exists() for _, pid in nodes)
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
-def test_no_node_outlives_a_demo_that_is_ended(number: signal.Signals, live: subprocess.Popen[str]) -> None:
+def test_no_node_outlives_a_demo_that_is_killed(live: subprocess.Popen[str]) -> None:
     wait_for(live, lambda: len(children(live.pid)) == 4)
     nodes = children(live.pid)
-    live.send_signal(number)
-    live.communicate(timeout=60)
-    assert live.returncode == (128 + number if number is signal.SIGTERM else -number)
+    live.kill()
     assert end(nodes)
 
 

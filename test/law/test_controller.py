@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.falsification.loops import runge_kutta
 from flatsat_ros.law.controller import Controller, Memory
 from flatsat_ros.law.flatness import acceleration_from_input
 from flatsat_ros.law.gain import Tuning
@@ -163,22 +164,18 @@ def test_the_papers_first_simulation_study() -> None:
     """Runge-Kutta through the law, with the gain as one more state: the continuous closed loop of the paper."""
     adaptation = np.array([0.0, 1.0, 3.0, 5.0])
     law, yaw, rest = controller(4), np.zeros(4), np.zeros((4, 9))
-    lyapunov = np.empty(4)
+    step, samples = 2e-3, []
 
-    def flow(y: np.ndarray) -> np.ndarray:
+    def slope(part: int, y: np.ndarray) -> np.ndarray:
         _, output = law.step(Memory(y[:, 6]), y[:, :6], yaw, rest)
-        lyapunov[:] = output.lyapunov
+        if part == 0:
+            samples.append(output.lyapunov)
         growth = adaptation * np.maximum(output.lyapunov - 0.05, 0.0)
         return np.hstack([y[:, 3:6], output.acceleration, growth[:, np.newaxis]])
 
-    step, samples = 2e-3, []
     y = np.tile([1.05, 1.04, 0.85, -0.02, -1.39, -0.42, 1.0], (4, 1))
     for _ in range(1800):
-        k1 = flow(y)
-        samples.append(lyapunov.copy())
-        k2 = flow(y + step / 2.0 * k1)
-        k3 = flow(y + step / 2.0 * k2)
-        y = y + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + flow(y + step * k3))
+        y = runge_kutta(slope, y, step)
     history = np.array(samples)
     first = (history > 0.05).sum(axis=0)
     above, below = history[first - 1, range(4)], history[first, range(4)]

@@ -12,22 +12,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.cli import reproduce
-from flatsat_ros.paper import runs as reproduce_runs
-from flatsat_ros.paper.gain_laws import run_gain_laws
-from flatsat_ros.paper.runs import (
-    TEST_1_TIMING,
-    V_INF,
-    run_campaign,
-    run_study_1,
-    run_study_2,
-    run_test_1,
-)
+from flatsat_ros.paper import runs as paper_runs
+from flatsat_ros.paper.runs import V_INF, Runs, run_all, run_campaign
 from flatsat_ros.paper.table import VERDICTS, Table, compare
-from flatsat_ros.synthesis.gain_cap import gain_cap
-from flatsat_ros.synthesis.nominal import synthesize_paper
-from flatsat_ros.synthesis.robust_design import synthesize_paper_robust
+
+# all that is computed is computed once, in one process
+pytestmark = pytest.mark.xdist_group("reproduction")
 
 WRONG = {
     "Q as printed certifies alpha",
@@ -48,21 +39,24 @@ AMBIGUOUS = {
     "RMS tracking error of cf3, m",
     "average computation time, ms",
 }
-PICTURES = (
+FIGURES = (
     "study1_gain", "study1_inputs", "study2_plane", "study2_inputs", "test1_errors", "test1_gain", "test1_inputs",
-    "computation_time", "test2/paths", "test2/gain", "test2/inputs",
+    "gain_laws", "computation_time", "test2/paths", "test2/gain", "test2/inputs",
 )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
-def robust() -> Certificate:
-    return synthesize_paper_robust()
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Runs:
+    """Everything that `reproduce` computes, with fewer adversarial runs: 10,000 take half a minute."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(paper_runs, "CAMPAIGN_RUNS", 500)
+        return run_all(tmp_path_factory.mktemp("runs"))
 
 
 def test_the_command_writes_the_table_and_every_figure(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    runs: Runs, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(reproduce_runs, "CAMPAIGN_RUNS", 500)  # 10,000 take half a minute
+    monkeypatch.setattr(paper_runs, "run_all", lambda _: runs)
     assert reproduce.main(["--output", str(tmp_path)]) == 0
     content = json.loads((tmp_path / "table.json").read_text(encoding="utf-8"))
     rows = content["rows"]
@@ -74,14 +68,8 @@ def test_the_command_writes_the_table_and_every_figure(
     for row in rows:
         assert row["quantity"] in document
         assert row["recomputed"] in printed
-    for name in PICTURES:
+    for name in FIGURES:
         assert (tmp_path / f"{name}.png").stat().st_size > 10_000
-
-
-def test_a_folder_that_cannot_be_made_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "taken").touch()
-    assert reproduce.main(["--output", str(tmp_path / "taken")]) == 2
-    assert capsys.readouterr().err.startswith("error: ")
 
 
 @given(value=st.floats(-1e3, 1e3), decimals=st.integers(1, 6))
@@ -111,8 +99,8 @@ def test_verdicts_of_several_numbers_and_of_several_readings() -> None:
     assert "no claim \\| at all" in table.markdown()
 
 
-def test_study_1_agrees_with_a_fine_integrator() -> None:
-    history = run_study_1(synthesize_paper("paper_simulation"))
+def test_study_1_agrees_with_a_fine_integrator(runs: Runs) -> None:
+    history = runs.study_1
     chosen = [0, 1, 3, 5]
     at = {t: history.lyapunov[history.index(t)][chosen] for t in (0.0, 1.0, 2.0, 3.0)}
     np.testing.assert_allclose(at[0.0], 2.4159984, atol=1e-7)
@@ -125,26 +113,23 @@ def test_study_1_agrees_with_a_fine_integrator() -> None:
 
 @pytest.mark.parametrize("gain", [1.0, 10.0, 100.0])
 def test_the_adversary_keeps_to_the_robust_set_but_not_if_it_is_stronger_than_certified(
-    gain: float, robust: Certificate
+    gain: float, runs: Runs
 ) -> None:
-    assert run_campaign(robust, gain, runs=500, seed=1) <= 1.0 + 1e-9
-    assert robust.robust is not None
-    stronger = dataclasses.replace(robust.robust, drift=1.2 * robust.robust.drift)
-    assert run_campaign(dataclasses.replace(robust, robust=stronger), gain, runs=500, seed=1) > 1.01
+    assert runs.campaign[gain] <= 1.0 + 1e-9
+    assert runs.robust.robust is not None
+    stronger = dataclasses.replace(runs.robust.robust, drift=1.2 * runs.robust.robust.drift)
+    assert run_campaign(dataclasses.replace(runs.robust, robust=stronger), gain, runs=500) > 1.01
 
 
-def test_the_printed_disturbance_keeps_to_the_robust_set(robust: Certificate) -> None:
-    for gain in (1.0, 10.0):
-        history = run_study_2(robust, gain)
+def test_the_printed_disturbance_keeps_to_the_robust_set(runs: Runs) -> None:
+    for history in runs.study_2.values():
         assert history.lyapunov[0] == pytest.approx(1.0)
         assert history.lyapunov.max() <= 1.0 + 1e-9
 
 
-def test_the_papers_failure_appears_behind_lag_and_delay_and_the_cap_removes_it() -> None:
-    certificate = synthesize_paper("paper_experiment")
-    cap = gain_cap(TEST_1_TIMING, certificate.block).gain_max
+def test_the_papers_failure_appears_behind_lag_and_delay_and_the_cap_removes_it(runs: Runs) -> None:
+    law, capped, cap = runs.test_1, runs.test_1_capped, runs.cap
     assert cap == pytest.approx(5.10, abs=0.02)
-    law, capped = run_test_1(certificate, 1e6), run_test_1(certificate, cap)
     late = law.time > 20.0
     assert law.lyapunov[0] == pytest.approx(3.4375)
     assert (law.lyapunov[late].max(axis=0) > V_INF).tolist() == [False, False, False, True, True]
@@ -153,12 +138,12 @@ def test_the_papers_failure_appears_behind_lag_and_delay_and_the_cap_removes_it(
     assert capped.gain.max() == cap
 
 
-def test_over_repeated_set_points_only_the_papers_gain_leads_to_a_limit_cycle() -> None:
-    runs = run_gain_laws(synthesize_paper("paper_experiment"))
-    last = runs.time > runs.time[-1] - 3.0  # five seconds after the last set-point
-    swing = np.degrees(runs.tilt[last]).max(axis=0)
+def test_over_repeated_set_points_only_the_papers_gain_leads_to_a_limit_cycle(runs: Runs) -> None:
+    flown = runs.gain_laws
+    last = flown.time > flown.time[-1] - 3.0  # five seconds after the last set-point
+    swing = np.degrees(flown.tilt[last]).max(axis=0)
     assert swing[0] > 9.0, "the paper's law ends at full tilt"
     assert (swing[1:] < 4.0).all(), "capped, leaky and restarting laws come to rest"
-    assert runs.gain[:, 1].max() == pytest.approx(runs.cap)
-    assert runs.disturbed_gain[-1, 0] == pytest.approx(synthesize_paper("paper_experiment").gain_max)
-    assert runs.disturbed_gain[-1, 1] == pytest.approx(runs.disturbed_gain[-600, 1], rel=1e-2)
+    assert flown.gain[:, 1].max() == pytest.approx(flown.cap)
+    assert flown.disturbed_gain[-1, 0] == pytest.approx(runs.experiment.gain_max)
+    assert flown.disturbed_gain[-1, 1] == pytest.approx(flown.disturbed_gain[-600, 1], rel=1e-2)
