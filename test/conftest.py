@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import os
 import socket
@@ -11,8 +12,12 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from xdist.scheduler import LoadScopeScheduling
 
 TEST = Path(__file__).resolve().parent
+
+# files whose tests share what takes long to compute
+SHARING = ("test/paper/test_reproduction.py",)
 
 
 def _claim_ros_domain() -> tuple[int, socket.socket]:
@@ -50,13 +55,29 @@ settings.register_profile("explore", max_examples=2000, deadline=None)
 settings.load_profile("ci")
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Keep the tests that start processes on one worker, where each has the machine's time to itself."""
-    for item in items:
-        elsewhere = not any(item.path.is_relative_to(TEST / room) for room in ("nodes", "cli"))
-        if not elsewhere and item.get_closest_marker("in_process") is None:
-            item.add_marker(pytest.mark.xdist_group("processes"))
+class _Groups(LoadScopeScheduling):  # type: ignore[misc]
+    """Keeps the tests that start processes on one worker, one at a time, and those that share long computations.
+
+    xdist's own groups do not work with pytest 9.2: they are written into names of tests that it no longer reads.
+    """
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = nodeid.partition("::")[0]
+        if file in SHARING:
+            return file
+        return "processes" if _starts_processes(file) else nodeid
+
+
+@functools.cache
+def _starts_processes(file: str) -> bool:
+    """Whether the tests of a file do, unless it is marked as one whose tests do not."""
+    belongs = file.startswith(("test/nodes/", "test/cli/"))
+    return belongs and "mark.in_process" not in (TEST.parent / file).read_text(encoding="utf-8")
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> _Groups:
+    """Distribute the tests to workers by group."""
+    return _Groups(config, log)
 
 
 @pytest.fixture

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +10,8 @@ import pytest
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.cli.synthesize import main
 from flatsat_ros.crazyflie.vehicle import load_vehicle
+
+pytestmark = pytest.mark.in_process
 
 PAPER_LIMITS = ["--thrust-max-g", "1.45"]
 
@@ -224,14 +224,3 @@ def test_whatever_cannot_be_used_is_refused_in_one_line(
     assert text in err
     assert [file.name for file in tmp_path.iterdir()] == ["taken.yaml"]
     assert Path("taken.yaml").read_text(encoding="utf-8") == "precious"
-
-
-def test_it_runs_as_a_module_where_ros_is_not_installed(tmp_path: Path) -> None:
-    without_ros = "import sys, runpy; sys.modules['rclpy'] = None; "
-    run = f"sys.argv = ['synthesize', '--thrust-max', '14', '--output', {str(tmp_path / 'x.yaml')!r}]; "
-    module = "runpy.run_module('flatsat_ros.cli.synthesize', run_name='__main__')"
-    done = subprocess.run(
-        [sys.executable, "-c", without_ros + run + module], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert Certificate.load(tmp_path / "x.yaml").limits.thrust_max == 14.0

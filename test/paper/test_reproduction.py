@@ -17,9 +17,6 @@ from flatsat_ros.paper import runs as paper_runs
 from flatsat_ros.paper.runs import V_INF, Runs, run_all, run_campaign
 from flatsat_ros.paper.table import VERDICTS, Table, compare
 
-# all that is computed is computed once, in one process
-pytestmark = pytest.mark.xdist_group("reproduction")
-
 WRONG = {
     "Q as printed certifies alpha",
     "eq. 25 is the integral that it stands for, surplus",
