@@ -51,7 +51,14 @@ _SMALL = 1e-10
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a batch came to: see `claims.Ledger`."""
+    """What a batch came to.
+
+    Attributes:
+        certificate: that was flown, wrong if it was tampered with.
+        violations: the first of each run.
+        tightest: by how much, relatively, each claim failed at worst; negative is to spare.
+        history: of the watched run, some named values for each step.
+    """
 
     certificate: Certificate
     violations: list[Violation]

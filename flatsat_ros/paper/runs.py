@@ -148,14 +148,14 @@ def run_study_2(certificate: Certificate, gain: float) -> History:
     directions = np.zeros((_STUDY_2_STARTS, 6))
     directions[:, 0], directions[:, 3] = np.cos(angles), np.sin(angles)
 
-    def wind(t: float, gradient: FloatArray) -> FloatArray:
-        push = np.zeros_like(gradient)
-        push[:, :2] = printed_disturbance(t)
-        return push
+    def drift(t: float, gradient: FloatArray) -> FloatArray:
+        added = np.zeros_like(gradient)
+        added[:, :2] = printed_disturbance(t)
+        return added
 
     start = on_boundary(certificate.matrix, 1.0, directions)
     return run_continuous(
-        law(certificate, len(start), gain=gain), start, _STUDY_2_SECONDS, _CAMPAIGN[gain][0] / 2.0, wind
+        law(certificate, len(start), gain=gain), start, _STUDY_2_SECONDS, _CAMPAIGN[gain][0] / 2.0, drift
     )
 
 
