@@ -16,6 +16,7 @@ import pytest
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.interrupts import STOPPING, signals_held
+from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.cli import demo, falsify, faults, reproduce, shell, synthesize
 
 PROGRAMS = {
@@ -296,6 +297,14 @@ def test_without_ros_the_live_demo_is_refused_before_anything_is_made(
     assert errors.endswith("source its setup, or give --headless\n")
     assert errors.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_certificate_is_made_where_ros_is_not_installed(tmp_path: Path, group: list[subprocess.Popen[str]]) -> None:
+    target = tmp_path / "x.yaml"
+    group.append(start(*CERTIFY, "--output", str(target), before="sys.modules['rclpy'] = None"))
+    _, errors = group[-1].communicate(timeout=120)
+    assert group[-1].returncode == 0, errors
+    assert Certificate.load(target).limits.thrust_max == 14.0
 
 
 # a finder that lets Ctrl-C come while a certain module is being looked for
