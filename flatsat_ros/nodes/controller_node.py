@@ -123,7 +123,8 @@ class ControllerNode(ProgramNode):
 
     def begin_shutdown(self) -> None:
         """Land the drones that are in the air where they are; let nobody take off any more."""
-        self._pilot.retire()
+        with self.faults.contain("landing"):
+            self._pilot.retire()
 
     def is_shut_down(self) -> bool:
         """Tell whether all drones are down and every hand-over that has begun is through."""
@@ -134,12 +135,15 @@ class ControllerNode(ProgramNode):
         return "landing " + ", ".join(self._in_use())
 
     def _in_use(self) -> list[str]:
-        """Return the drones that are in the air or just landed, with their heights; none if they are not steered."""
-        if self._broken:
-            return []
-        height = self._pilot.height
-        busy = np.isin(self._pilot.mode, (*AIRBORNE, Mode.REST))
-        return [f"{self.robots[index]} (z = {height[index]:.2f} m)" for index in np.flatnonzero(busy)]
+        """Return the drones that are in the air or just landed, with their heights."""
+        found = []
+        for index, robot in enumerate(self.robots):
+            if self._last_resort.since[index] is not None:
+                if self._last_resort.setpoint(index) is not None:
+                    found.append(f"{robot} (last resort)")
+            elif self._pilot.mode[index] in (*AIRBORNE, Mode.REST):
+                found.append(f"{robot} (z = {self._pilot.height[index]:.2f} m)")
+        return found
 
     def finish(self) -> None:
         """Send the last safe commands: level and sinking in the air, zero thrust otherwise; nothing to idle drones."""

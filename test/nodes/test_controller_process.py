@@ -383,7 +383,7 @@ def test_a_clock_that_is_set_in_flight_moves_no_drone(
     assert f"the clock was set by {seconds:+.3f} s" in capfd.readouterr().err
 
 
-def test_every_transition_is_logged_and_a_take_off_that_ends_before_it_begins_is_an_error(
+def test_a_take_off_whose_poses_pause_is_carried_out_and_every_transition_is_logged(
     room: Callable[..., Room], capfd: pytest.CaptureFixture[str]
 ) -> None:
     lab = room()
@@ -393,22 +393,50 @@ def test_every_transition_is_logged_and_a_take_off_that_ends_before_it_begins_is
     lab.blind = {0}
     lab.run(4.0)
     assert lab.modes[0] is Mode.UNLOCK, "it waits for poses that pause"
-    lab.run(2.0)
-    assert lab.modes[0] is Mode.IDLE
     lab.blind = set()
+    lab.run(3.0)
+    assert lab.fleet.bodies.position[0, 2] > 0.3
+    lines = transitions(capfd)
+    assert [line.split(": ")[2] for line in lines] == ["IDLE -> UNLOCK", "UNLOCK -> FLY"]
+    assert not [line for line in lines if "ERROR" in line]
+
+
+def test_a_take_off_that_ends_before_it_begins_is_told_as_an_error(
+    room: Callable[..., Room], capfd: pytest.CaptureFixture[str]
+) -> None:
+    lab = room()
     lab.run(0.5)
     assert lab.ask("cf1/flatsat/takeoff").success
-    lab.run(3.0)
-    said = capfd.readouterr().err
-    lines = [line for line in said.splitlines() if " -> " in line]
-    assert [line.split("cf1: ")[1].split(": ")[0] for line in lines] == [
-        "IDLE -> UNLOCK",
-        "UNLOCK -> IDLE",
-        "IDLE -> UNLOCK",
-        "UNLOCK -> FLY",
-    ]
-    assert [line.split("]")[0] for line in lines] == ["[INFO", "[ERROR", "[INFO", "[INFO"]
+    lab.run(0.1)
+    lab.blind = {0}
+    lab.run(8.0)
+    assert lab.modes[0] is Mode.IDLE
+    lines = transitions(capfd)
+    assert [line.split(": ")[2] for line in lines] == ["IDLE -> UNLOCK", "UNLOCK -> IDLE"]
+    assert ["ERROR" in line for line in lines] == [False, True]
     assert "the take-off is given up: no usable pose" in lines[1]
+
+
+def test_the_end_waits_for_drones_on_their_last_resort(
+    room: Callable[..., Room], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lab = room()
+    lab.hover("cf1", "cf2")
+    monkeypatch.setattr(lab.node._pilot, "tick", fail)
+    monkeypatch.setattr(lab.node._pilot, "retire", fail)
+    lab.run(lab.period)
+    lab.node.begin_shutdown()
+    assert not lab.node.is_shut_down()
+    assert lab.node.shutdown_progress() == "landing cf1 (last resort), cf2 (last resort)"
+    lab.run(10.0)
+    assert lab.fleet.bodies.grounded.all()
+    lab.run(6.0)
+    assert lab.node.is_shut_down()
+
+
+def transitions(capfd: pytest.CaptureFixture[str]) -> list[str]:
+    """The lines of the log about changes of flight modes."""
+    return [line for line in capfd.readouterr().err.splitlines() if " -> " in line]
 
 
 def test_lines_about_a_drone_are_throttled(room: Callable[..., Room], capfd: pytest.CaptureFixture[str]) -> None:
