@@ -5,7 +5,7 @@ in which they were put in:
 
     fleet -> pose faults -> pilot -> command faults -> fleet
 
-A pose fault gets the time (s, the pilot's clock) and the samples that arrive, and returns those that arrive instead. A
+A pose fault gets the time (s) and the samples that arrive, and returns those that arrive instead. A
 command fault gets the time, a drone and its set-point, and returns what is sent instead, each with the delay, s, after
 which it leaves. Both may keep a memory, so each is made anew for every flight.
 """
@@ -40,21 +40,25 @@ class FaultyLink:
         fleet: what is flown.
         poses: the pose faults in force.
         commands: the command faults in force.
-        behind: s, by how much the pilot's clock is behind the fleet's time.
     """
 
-    def __init__(self, fleet: SimulatedFleet, look: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        fleet: SimulatedFleet,
+        look: Callable[[], None] = lambda: None,
+        read: Callable[[list[Sample]], list[Sample]] = lambda samples: samples,
+    ) -> None:
         """Begin without faults.
 
         Args:
             fleet: what is flown.
             look: called after every STEP of the fleet.
+            read: what the pilot's process makes of the samples that arrive there.
         """
         self.fleet = fleet
         self.poses: list[PoseFault] = []
         self.commands: list[CommandFault] = []
-        self.behind = 0.0
-        self._look = look
+        self._look, self._read = look, read
         self._numbers = itertools.count()  # so that set-points of the same time keep their order
         self._under_way: list[tuple[float, int, int, WireSetpoint]] = []
         self._now = 0.0
@@ -69,15 +73,10 @@ class FaultyLink:
         """What the yaw of a set-point means."""
         return self.fleet.yaw_mode
 
-    def set_clock(self, change: float) -> None:
-        """Set the pilot's clock forward by a change, s, or back if that is negative."""
-        self.behind -= change
-
     def advance_to(self, time: float) -> None:
-        """Let the fleet fly to a time of the pilot's clock, s; set-points leave at the first STEP when they are due."""
+        """Let the fleet fly to a time, s; set-points leave at the first STEP when they are due."""
         self._now = time
-        until = time + self.behind
-        while self.fleet.time + STEP <= until + 1e-3 * STEP:
+        while self.fleet.time + STEP <= time + 1e-3 * STEP:
             self.fleet.advance_to(self.fleet.time + STEP)
             while self._under_way and self._under_way[0][0] <= self.fleet.time:
                 _, _, index, setpoint = heapq.heappop(self._under_way)
@@ -85,14 +84,14 @@ class FaultyLink:
             self._look()
 
     def measurements(self, time: float) -> list[Sample]:
-        """Return what arrives at the pilot at a time of its clock, s: at most the newest ten poses of a drone."""
-        samples = [s._replace(stamp=s.stamp - self.behind) for s in self.fleet.measurements(time + self.behind)]
+        """Return what arrives at the pilot until a time, s: at most the newest ten poses of a drone."""
+        samples = self.fleet.measurements(time)
         for fault in self.poses:
             samples = fault(time, samples)
         kept: list[deque[int]] = [deque(maxlen=_QUEUE) for _ in range(self.count)]
         for number, sample in enumerate(samples):
             kept[sample.drone].append(number)
-        return [samples[number] for number in sorted(itertools.chain.from_iterable(kept))]
+        return self._read([samples[number] for number in sorted(itertools.chain.from_iterable(kept))])
 
     def command(self, index: int, roll: float, pitch: float, yaw: float, thrust_pwm: float) -> None:
         """Send a set-point, see `SimulatedFleet.command`."""
@@ -107,8 +106,7 @@ class FaultyLink:
             if delay <= 0.0:
                 self.fleet.command(index, *setpoint)
             else:
-                due = self._now + self.behind + delay
-                heapq.heappush(self._under_way, (due, next(self._numbers), index, setpoint))
+                heapq.heappush(self._under_way, (self._now + delay, next(self._numbers), index, setpoint))
 
 
 def of_drones(fault: PoseFault, *drones: int) -> PoseFault:

@@ -66,23 +66,19 @@ def test_without_faults_the_link_changes_nothing() -> None:
         pilot = Pilot(CERTIFICATE, Tuning(2.0, 0.05, 1.0, CERTIFICATE.gain_max), Policy(), 2)
         for index in range(2):
             pilot.set_reference(index, Trajectory.hold([0.5 * index, 0.3, 0.8]))
-        fly(pilot, FaultyLink(fleet, lambda: None) if linked else fleet, VEHICLE, 4.0)
+        fly(pilot, FaultyLink(fleet) if linked else fleet, VEHICLE, 4.0)
         places.append(fleet.bodies.position)
     assert places[0][0, 2] > 0.3
     np.testing.assert_array_equal(places[1], places[0])
 
 
-@pytest.mark.parametrize("change", [-10.0, 60.0])
-def test_a_clock_that_is_set_stamps_and_counts_on_from_its_new_time(change: float) -> None:
-    fleet = SimulatedFleet(VEHICLE, 1)
-    link = FaultyLink(fleet, lambda: None)
-    link.advance_to(1.0)
-    before = link.measurements(1.0)
-    link.set_clock(change)
-    link.advance_to(1.1 + change)
-    after = link.measurements(1.1 + change)
-    assert fleet.time == pytest.approx(1.1)
-    assert after[0].stamp - before[-1].stamp == pytest.approx(0.01 + change)
+def test_what_arrives_is_read_after_the_faults() -> None:
+    link = FaultyLink(
+        SimulatedFleet(VEHICLE, 1), read=lambda samples: [s._replace(stamp=2.0 * s.stamp) for s in samples]
+    )
+    link.poses.append(faults.restamped(1.0))
+    link.advance_to(0.1)
+    np.testing.assert_allclose([sample.stamp for sample in link.measurements(0.1)], 2.0 + 0.02 * np.arange(1, 11))
 
 
 def test_look_sees_every_step() -> None:
@@ -93,7 +89,7 @@ def test_look_sees_every_step() -> None:
 
 
 def test_a_pilot_that_was_away_finds_the_newest_ten_poses_of_each_drone() -> None:
-    link = FaultyLink(SimulatedFleet(VEHICLE, 2), lambda: None)
+    link = FaultyLink(SimulatedFleet(VEHICLE, 2))
     link.advance_to(3.0)
     samples = link.measurements(3.0)
     for drone in range(2):
@@ -105,7 +101,7 @@ def test_set_points_that_are_late_arrive_in_their_order_and_not_before() -> None
     fleet = SimulatedFleet(VEHICLE, 1)
     heard: list[tuple[float, float]] = []
     fleet.command = lambda _index, roll, *_: heard.append((fleet.time, roll))  # type: ignore[method-assign]
-    link = FaultyLink(fleet, lambda: None)
+    link = FaultyLink(fleet)
     link.commands.append(faults.commands_delayed(0.1, 0))
     for tick in range(10):
         link.advance_to(0.02 * tick)

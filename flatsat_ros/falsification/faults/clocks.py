@@ -7,13 +7,11 @@ import math
 from flatsat_ros.falsification.faults.criteria import Bounds, End
 from flatsat_ros.falsification.faults.fault import ALL, EARLY, Action, Fault, poses
 from flatsat_ros.falsification.faults.phases import Phase
-from flatsat_ros.falsification.faults.scene import Scene
+from flatsat_ros.falsification.faults.scene import EPOCH, Scene
 from flatsat_ros.sim import faults
 
 _STAMP = r"stamp|clock|ahead|behind"
 _LATE = r"late|stall|stood still|silent|behind|motors|climb"
-# seconds since 1970, as the controller's clock counts them
-_EPOCH = 1.7e9
 
 
 def _stamps(name: str, meaning: str, shift: float, bounds: Bounds | None = None) -> Fault:
@@ -29,12 +27,11 @@ def _stamps(name: str, meaning: str, shift: float, bounds: Bounds | None = None)
     )
 
 
-def _set_clock(change: float) -> Action:
+def _clock(name: str, meaning: str, change: float, *clocks: str) -> Fault:
     def act(scene: Scene) -> None:
-        scene.now += change
-        scene.link.set_clock(change)
+        scene.set_clock(change, *clocks)
 
-    return act
+    return Fault(name, meaning, ((0.0, act),), Bounds(End.DONE, distance=0.5), victims=ALL)
 
 
 def _stall(seconds: float) -> Action:
@@ -48,29 +45,18 @@ CLOCK_FAULTS = (
     _stamps("stamps_behind_0.1s", "stamps are 0.1 s behind", -0.1, Bounds(End.DONE, distance=0.5)),
     _stamps("stamps_behind_0.25s", "stamps are 0.25 s behind", -0.25, Bounds(End.SAFE)),
     _stamps("stamps_behind_1s", "stamps are 1 s behind", -1.0),
-    _stamps("stamps_other_clock", "stamps count from the start of another machine", 5e4 - _EPOCH),
+    _stamps("stamps_other_clock", "stamps count from the start of another machine", 5e4 - EPOCH),
     Fault(
         "stamps_zero",
         "stamps are 0",
-        ((0.0, poses(lambda _: faults.stamped(-_EPOCH))),),
+        ((0.0, poses(lambda _: faults.stamped(-EPOCH))),),
         Bounds(End.DOWN, told=_STAMP),
         {Phase.TAKE_OFF: Bounds(End.GROUNDED, told=_STAMP)},
         since_take_off=EARLY,
     ),
-    Fault(
-        "clock_back_10s",
-        "the clock of controller and motion capture is set back 10 s",
-        ((0.0, _set_clock(-10.0)),),
-        Bounds(End.DONE, distance=0.5),
-        victims=ALL,
-    ),
-    Fault(
-        "clock_ahead_60s",
-        "the clock of controller and motion capture is set ahead 60 s",
-        ((0.0, _set_clock(60.0)),),
-        Bounds(End.DONE, distance=0.5),
-        victims=ALL,
-    ),
+    _clock("clock_back_10s", "the clock of controller and motion capture is set back 10 s", -10.0, "here", "there"),
+    _clock("clock_ahead_60s", "the clock of controller and motion capture is set ahead 60 s", 60.0, "here", "there"),
+    _clock("clock_back_10s_here", "the clock of the controller's machine alone is set back 10 s", -10.0, "here"),
     Fault(
         "stall_0.2s",
         "the controller stands still for 0.2 s, five times",

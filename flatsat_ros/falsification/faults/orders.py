@@ -96,7 +96,7 @@ def _trajectory(begin: tuple[float, float, float], end: tuple[float, float, floa
         scene.ask(
             0,
             lambda pilot: pilot.set_reference(
-                0, Trajectory.through([scene.now, scene.now + seconds], points, rest, rest)
+                0, Trajectory.through([scene.time, scene.time + seconds], points, rest, rest)
             ),
         )
 
@@ -143,7 +143,7 @@ def _kill(scene: Scene) -> None:
 
 
 def _start_again(scene: Scene) -> None:
-    scene.pilot = scene.new_pilot()
+    scene.start_controller()
 
 
 def _goal_again(scene: Scene) -> None:

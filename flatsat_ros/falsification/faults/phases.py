@@ -96,7 +96,7 @@ def _swap(scene: Scene, height: float) -> None:
         swap = spline_through(corners, _LEG_TIME)
         times = np.linspace(0.0, float(swap.times[-1]), 16 * len(places) + 1)
         scene.record.extend_path(drone, *(swap.sample(time)[:3] for time in times))
-        scene.ask(drone, lambda pilot, i=drone, path=swap: pilot.set_reference(i, path.shifted(scene.now)))  # type: ignore[misc]
+        scene.ask(drone, lambda pilot, i=drone, path=swap: pilot.set_reference(i, path.shifted(scene.time)))  # type: ignore[misc]
     scene.let_pass(_SWAPPING * _LEG_TIME)
 
 

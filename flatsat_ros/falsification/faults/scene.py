@@ -9,15 +9,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.constants import NANOSECONDS
 from flatsat_ros.base.errors import FlatsatError, one_line
 from flatsat_ros.certificate.certificate import load_certificate
-from flatsat_ros.crazyflie.vehicle import load_vehicle
+from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint, setpoint_from_command
 from flatsat_ros.falsification.faults.criteria import Outcome, Remark
 from flatsat_ros.falsification.faults.record import Record
 from flatsat_ros.flight.pilot import Pilot, Tick
-from flatsat_ros.flight.supervisor import Mode, Policy
-from flatsat_ros.flight.trajectory import Trajectory
+from flatsat_ros.flight.stamps import StampClock
+from flatsat_ros.flight.supervisor import AIRBORNE, Mode, Policy
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.closed_loop import fly
 from flatsat_ros.sim.faults import FaultyLink
@@ -27,9 +28,13 @@ from flatsat_ros.sim.sensor import MotionCapture, Sample
 CERTIFICATE = "cf21_50hz"
 VEHICLE = "cf21"
 NOISE = 5e-4  # m, standard deviation of the motion capture
-# the tuning and the policy that the controller has by default
+EPOCH = 1_700_000_000  # s, what the clocks show at the beginning
+# tuning, and what the policy has beside its own defaults, as the controller's parameters are by default
 _TUNING = (2.0, 0.05, 1.0)
 _DISTURBANCE_MAX = 0.8  # m/s^2
+_THRUST_ERROR_MAX = 0.25
+# s, that the landings may take when the controller is ended
+_SHUTDOWN_TIME_MAX = 60.0
 _ROUNDING = 1e-6  # s
 TEXT = 160  # letters of a remark
 _LOOK_EVERY = 10  # steps of integration between two looks at distances
@@ -57,6 +62,13 @@ def told(tick: Tick) -> Iterator[tuple[int, str]]:
     """Yield what a tick tells, as pairs of drone and text."""
     for index, before, after, reason in tick.transitions:
         yield index, f"{before.name} to {after.name}: {reason}"
+    yield from tick.reports
+
+
+def policy_of(vehicle: VehicleProfile) -> Policy:
+    """Return the policy that the controller has by default for drones of this kind."""
+    drag = vehicle.dynamics.drag_z
+    return Policy(disturbance_max=_DISTURBANCE_MAX, thrust_error_max=_THRUST_ERROR_MAX, drag=drag)
 
 
 class Scene:
@@ -71,7 +83,7 @@ class Scene:
         moments: the ticks so far, if they are kept.
         failure: what the pilot raised that is no refusal: then its process ended; empty if it did not.
         seed: of everything random.
-        now: s, the pilot's clock at the next tick.
+        time: s, of the next tick.
     """
 
     def __init__(
@@ -104,26 +116,49 @@ class Scene:
         for drone in stopped:
             self.fleet.firmware.request_emergency(drone)
         self.record = Record(self.fleet.bodies.position, floor)
-        self.link = FaultyLink(self.fleet, self._look)
+        self.link = FaultyLink(self.fleet, self._look, self._read)
         self._looks = 0
         self._sent: dict[int, WireSetpoint] = {}  # at the last tick
-        self.pilot: Pilot | None = self.new_pilot()
+        self._set = {"here": 0.0, "there": 0.0}  # by how much the clocks of controller and motion capture were set, s
+        self.pilot: Pilot | None = None
+        self.start_controller()
         self.remarks: list[Remark] = []
         self.moments: list[Moment] | None = [] if keep else None
         self.failure = ""
         self.seed = seed
-        self.now = 0.0
+        self.time = 0.0
         self._agenda: list[tuple[float, int, Callable[[Scene], None]]] = []
 
-    def new_pilot(self) -> Pilot:
-        """Return a pilot as the controller starts it."""
+    def start_controller(self) -> None:
+        """Start the controller, with a pilot that knows of nothing."""
         tuning = Tuning(*_TUNING, self.certificate.gain_max)
-        return Pilot(self.certificate, tuning, Policy(disturbance_max=_DISTURBANCE_MAX), self.fleet.count)
+        self.pilot = Pilot(self.certificate, tuning, policy_of(self.vehicle), self.fleet.count)
+        # methods, which a copy of this flight takes along; a lambda would read the clocks of the original
+        self._stamps = StampClock(self.fleet.count, self._system_clock, self._steady_clock)
 
-    @property
-    def time(self) -> float:
-        """Time since the beginning of the flight, s."""
-        return self.now + self.link.behind
+    def _system_clock(self) -> int:
+        """Return what the clock of the controller's machine shows, ns."""
+        return self._steady_clock() + self._nanoseconds(self._set["here"]) + EPOCH * NANOSECONDS
+
+    def _steady_clock(self) -> int:
+        """Return the time that nobody sets, ns."""
+        return self._nanoseconds(self.fleet.time)
+
+    def set_clock(self, change: float, *clocks: str) -> None:
+        """Set clocks, "here" or "there", by a change, s."""
+        for clock in clocks:
+            self._set[clock] += change
+
+    def _read(self, samples: list[Sample]) -> list[Sample]:
+        """Read stamps as the controller does."""
+        self._stamps.look()
+        shown = [self._nanoseconds(sample.stamp + self._set["there"]) + EPOCH * NANOSECONDS for sample in samples]
+        measured = [self._stamps.measured(s.drone, stamp) for s, stamp in zip(samples, shown, strict=True)]
+        return [sample._replace(stamp=stamp) for sample, stamp in zip(samples, measured, strict=True)]
+
+    @staticmethod
+    def _nanoseconds(seconds: float) -> int:
+        return round(seconds * NANOSECONDS)
 
     @property
     def place(self) -> FloatArray:
@@ -146,9 +181,8 @@ class Scene:
     def _fly_until(self, end: float) -> None:
         """Fly to the first tick at or after a time, s since the beginning of the flight."""
         if self.pilot is not None:
-            until = end - self.link.behind
             try:
-                self.now = fly(self.pilot, self.link, self.vehicle, until, self._observe, start=self.now)
+                self.time = fly(self.pilot, self.link, self.vehicle, end, self._observe, start=self.time)
             except Exception as error:  # what escapes the pilot ends the controller: a finding, not an error of ours
                 self._fail(error)
         if self.pilot is None:
@@ -160,8 +194,8 @@ class Scene:
 
     def pass_by(self, seconds: float) -> None:
         """Let time pass without any tick: the controller is stopped, or is no more."""
-        self.now += max(seconds, 0.0)
-        self.link.advance_to(self.now)
+        self.time += max(seconds, 0.0)
+        self.link.advance_to(self.time)
 
     def tell(self, drone: int, text: str) -> None:
         """Note a remark."""
@@ -187,14 +221,18 @@ class Scene:
 
     def go_to(self, drone: int, goal: FloatArray) -> None:
         """Give a drone a goal (3,), m, as the goal topic does."""
-        self.ask(drone, lambda pilot: pilot.set_reference(drone, Trajectory.hold(goal)))
+        self.ask(drone, lambda pilot: pilot.set_goal(drone, goal))
 
     def land(self, drone: int) -> None:
         """Ask for a landing."""
         self.ask(drone, lambda pilot: pilot.land(drone))
 
     def end_controller(self) -> None:
-        """End the controller's process as Ctrl-C does."""
+        """End the controller's process as Ctrl-C does: it lands the drones, leaves a last command behind, and ends."""
+        latest = self.time + _SHUTDOWN_TIME_MAX
+        self.ask(0, lambda pilot: pilot.retire())
+        while self.pilot is not None and self.time < latest and np.isin(self.pilot.mode, (*AIRBORNE, Mode.REST)).any():
+            self._fly_until(self.time + self.certificate.period)
         if self.pilot is None:
             return
         for index in range(self.fleet.count):
