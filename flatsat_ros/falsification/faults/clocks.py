@@ -76,6 +76,7 @@ CLOCK_FAULTS = (
         "the controller stands still for 5 s: after 2 s the firmware stops the motors",
         ((0.0, _stall(5.0)),),
         Bounds(End.DOWN, impact=math.inf, told=_LATE),
+        {Phase.LANDING: Bounds(End.DOWN, impact=math.inf)},
         victims=ALL,
     ),
 )

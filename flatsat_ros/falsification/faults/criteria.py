@@ -12,7 +12,6 @@ from flatsat_ros.flight.supervisor import Mode
 
 SEPARATION = 0.4  # m: drones never come nearer to each other
 RISEN = 0.05  # m above the floor: a drone is off it
-_SLOW = 0.3  # m/s: a drone that hovers
 _BYSTANDER = 0.5  # m: drones without a fault stay so near to their paths
 
 
@@ -49,6 +48,7 @@ class Bounds:
         impact: largest speed at which they may meet the floor, m/s.
         distance: farthest that they may get from their paths, sideways or above, m.
         told: regular expression of what must be told about each of them; empty for nothing.
+        speed: fastest that they may be when they keep flying, m/s.
         arrival: how near a drone must be to the end of its path to have done what it was told, m.
         separation: least distance of any two drones, m.
     """
@@ -57,6 +57,7 @@ class Bounds:
     impact: float = 1.0
     distance: float = 1.0
     told: str = ""
+    speed: float = 0.3
     arrival: float = 0.15
     separation: float = SEPARATION
 
@@ -96,10 +97,9 @@ class Outcome:
         """Whether it is on the floor for good, with its motors off."""
         return self.grounded and not self.motors and not self.relaunched
 
-    @property
-    def hovers(self) -> bool:
-        """Whether it is in the air, and steered: in IDLE by somebody else."""
-        return not self.grounded and self.speed <= _SLOW and self.mode in (Mode.FLY, Mode.IDLE)
+    def hovers(self, speed: float) -> bool:
+        """Tell whether it is in the air, at most so fast, m/s, and steered: in IDLE by somebody else."""
+        return not self.grounded and self.speed <= speed and self.mode in (Mode.FLY, Mode.IDLE)
 
     def describe(self) -> str:
         """Return in words how it ends."""
@@ -142,13 +142,13 @@ def broken(
 
 def _end(outcome: Outcome, bounds: Bounds, *, lands: bool) -> str:
     """Return what is wrong with the end of a drone's flight, empty for nothing."""
-    wanted = bounds.end
+    wanted, hovers = bounds.end, outcome.hovers(bounds.speed)
     if wanted is End.GROUNDED:
         return "" if outcome.grounded and outcome.height <= RISEN else f"rose to {outcome.height:.2f} m"
     if wanted is End.DOWN or (lands and wanted in (End.DONE, End.ALOFT)):
         return "" if outcome.stands else outcome.describe()
     if wanted is End.SAFE:
-        return "" if outcome.stands or outcome.hovers else outcome.describe()
-    if not outcome.hovers:
+        return "" if outcome.stands or hovers else outcome.describe()
+    if not hovers:
         return outcome.describe()
     return f"is {outcome.off:.2f} m from its goal" if wanted is End.DONE and not outcome.off <= bounds.arrival else ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 from flatsat_ros.falsification.faults.criteria import Bounds, End
 from flatsat_ros.falsification.faults.fault import ALL, EARLY, ONE, Action, Fault, end, poses
@@ -41,6 +42,8 @@ def _loss(seconds: float, bounds: Bounds, victims: tuple[int, ...] = ONE, height
         f"no pose of {whose} for {seconds:g} s{above}",
         _for(seconds, _lost, victims),
         bounds,
+        # before the thrust has been learnt: low rather than high
+        {Phase.TAKE_OFF: replace(bounds, impact=max(bounds.impact, 1.5))},
         victims=victims,
         height=height,
         watched=10.0 if seconds < 10.0 else 3.0,

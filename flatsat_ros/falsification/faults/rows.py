@@ -131,7 +131,7 @@ def _watch(scene: Scene, fault: Fault, begin: float) -> None:
     last = max(begin + max((delay for delay, _ in fault.steps), default=0.0), scene.time)
     end = last + fault.watched + _PER_METRE * max(fault.height - 1.0, 0.0)
     with np.errstate(all="ignore"):  # see _reach
-        while scene.time < end and scene.time - max(scene.record.resting_since, last) < _RESTING:
+        while scene.time < end and scene.time - max(scene.record.resting_since, last, scene.acted) < _RESTING:
             scene.let_pass(_SLICE)
 
 

@@ -84,6 +84,7 @@ class Scene:
         failure: what the pilot raised that is no refusal: then its process ended; empty if it did not.
         seed: of everything random.
         time: s, of the next tick.
+        acted: s, when the last thing that was planned had been done.
     """
 
     def __init__(
@@ -126,13 +127,14 @@ class Scene:
         self.moments: list[Moment] | None = [] if keep else None
         self.failure = ""
         self.seed = seed
-        self.time = 0.0
+        self.time = self.acted = 0.0
         self._agenda: list[tuple[float, int, Callable[[Scene], None]]] = []
 
     def start_controller(self) -> None:
         """Start the controller, with a pilot that knows of nothing."""
         tuning = Tuning(*_TUNING, self.certificate.gain_max)
         self.pilot = Pilot(self.certificate, tuning, policy_of(self.vehicle), self.fleet.count)
+        self._started = self.fleet.time
         # methods, which a copy of this flight takes along; a lambda would read the clocks of the original
         self._stamps = StampClock(self.fleet.count, self._system_clock, self._steady_clock)
 
@@ -154,7 +156,7 @@ class Scene:
         self._stamps.look()
         shown = [self._nanoseconds(sample.stamp + self._set["there"]) + EPOCH * NANOSECONDS for sample in samples]
         measured = [self._stamps.measured(s.drone, stamp) for s, stamp in zip(samples, shown, strict=True)]
-        return [sample._replace(stamp=stamp) for sample, stamp in zip(samples, measured, strict=True)]
+        return [s._replace(stamp=self._started + stamp) for s, stamp in zip(samples, measured, strict=True)]
 
     @staticmethod
     def _nanoseconds(seconds: float) -> int:
@@ -176,6 +178,7 @@ class Scene:
             time, _, action = heapq.heappop(self._agenda)
             self._fly_until(time)
             action(self)
+            self.acted = self.time
         self._fly_until(end)
 
     def _fly_until(self, end: float) -> None:

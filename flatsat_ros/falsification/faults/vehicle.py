@@ -8,6 +8,7 @@ from dataclasses import replace
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.falsification.faults.criteria import Bounds, End
 from flatsat_ros.falsification.faults.fault import ALL, EARLY, ONE, Action, Fault, commands, end, poses
+from flatsat_ros.falsification.faults.phases import Phase
 from flatsat_ros.falsification.faults.scene import Scene
 from flatsat_ros.sim import faults
 from flatsat_ros.sim.dynamics import Wind
@@ -17,6 +18,8 @@ _CLOSE = Bounds(End.DONE, distance=0.5)
 _HELD = Bounds(End.DONE, distance=0.5, arrival=0.03)
 # whoever stops the motors in the air lets the drone fall: only what follows can be judged
 _FALLS = Bounds(End.DOWN, impact=math.inf, told=r"climb|motors|fall|rise|emergency|lock|reboot|tumble")
+# it may be down before the motors stop
+_DOWN_UNTOLD = Bounds(End.DOWN, impact=math.inf)
 _BLOWN = r"wind|disturb|away|limit|tilt"
 _MARKERS = 0.029 / 0.032  # of the thrust for each kg: 3 g on a Crazyflie of 29 g
 
@@ -53,6 +56,8 @@ def _blind(percent: int, height: float) -> Fault:
         f"{'too much' if percent > 0 else 'missing'}",
         ((0.0, poses(lambda _: faults.lost)), (15.0, end)),
         Bounds(End.DOWN, told=r"pose"),
+        # before the thrust has been learnt
+        {Phase.TAKE_OFF: Bounds(End.DOWN, impact=2.0, distance=0.1, told=r"pose")},
         fleet={"thrust_scale": 1.0 + percent / 100.0},
         height=height,
         watched=3.0,
@@ -77,7 +82,7 @@ def _unlock(scene: Scene) -> None:
 
 
 VEHICLE_FAULTS = (
-    _wind("wind_2", "wind of 2 m/s", Wind(mean=(2.0, 0.0, 0.0)), _CLOSE),
+    _wind("wind_2", "wind of 2 m/s", Wind(mean=(2.0, 0.0, 0.0)), Bounds(End.DONE, distance=0.5, arrival=0.25)),
     # tilted by 10 degrees the drone holds against 3.8 m/s
     _wind("wind_4", "wind of 4 m/s", Wind(mean=(4.0, 0.0, 0.0)), Bounds(End.SAFE, told=_BLOWN)),
     _wind(
@@ -162,6 +167,7 @@ VEHICLE_FAULTS = (
         "no command arrives for 5 s: after 2 s the firmware stops the motors",
         ((0.0, commands(lambda s: faults.commands_lost(1.0, s.seed, 0))), (5.0, end)),
         _FALLS,
+        {Phase.LANDING: _DOWN_UNTOLD},
     ),
     *(
         Fault(
@@ -170,7 +176,12 @@ VEHICLE_FAULTS = (
             ((0.0, commands(lambda _, late=late: faults.commands_delayed(late, 0))),),  # type: ignore[misc]
             bounds,
         )
-        for late, bounds in ((0.1, _CLOSE), (0.2, Bounds(End.SAFE)), (0.3, Bounds(End.SAFE)))
+        for late, bounds in (
+            (0.1, _CLOSE),
+            # more than certified: the drone sways, but near its place
+            (0.2, Bounds(End.SAFE, distance=0.25, speed=1.0)),
+            (0.3, Bounds(End.SAFE)),
+        )
     ),
     Fault(
         "pitch_negated",
