@@ -87,10 +87,12 @@ def _time(tree: Path, size: int) -> dict[str, Any]:
     certificate = _name("certificate.certificate.Certificate", "core.certificate.Certificate").load(
         tree / "config" / "cf21_50hz.yaml"
     )
-    policy = _name("flight.supervisor.Policy", "core.supervisor.Policy")
+    policy = _name("flight.policy.Policy", "flight.supervisor.Policy", "core.supervisor.Policy")
     tuning = _name("law.gain.Tuning", "core.gain.Tuning")(2.0, 0.05, 1.0, certificate.gain_max)
     hold = _name("flight.trajectory.Trajectory", "flight.reference.Trajectory", "core.reference.Trajectory").hold
-    step = {"goal_mode": _name("flight.supervisor.GoalMode").STEP} if "goal_mode" in policy.__dataclass_fields__ else {}
+    step = {}
+    if "goal_mode" in policy.__dataclass_fields__:
+        step = {"goal_mode": _name("flight.policy.GoalMode", "flight.supervisor.GoalMode").STEP}
     pilot = _name("flight.pilot.Pilot", "core.pilot.Pilot")(
         certificate, tuning, policy(disturbance_max=0.8, **step), size
     )

@@ -9,7 +9,8 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.flight.descent import BlindDescent
 from flatsat_ros.flight.detectors import CLIMB, AstrayDetector, FallDetector, LiftOffDetector, TouchDownDetector
 from flatsat_ros.flight.guidance import Guidance
-from flatsat_ros.flight.supervisor import AIRBORNE, Mode, Policy, Sight
+from flatsat_ros.flight.policy import Policy
+from flatsat_ros.flight.supervisor import AIRBORNE, Mode, Sight
 from flatsat_ros.flight.thrust import ThrustScale
 
 # near the ground, m, a drone is not judged by its motion: something may carry it

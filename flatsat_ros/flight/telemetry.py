@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.flight.pilot import Tick
 from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.tick import Tick
 
 # the entries of a row, in order; units in docs/interfaces.md
 FIELDS = (

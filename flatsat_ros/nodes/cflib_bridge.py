@@ -25,7 +25,7 @@ from flatsat_ros.base.errors import FlatsatError, refusal, require
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot
 from flatsat_ros.crazyflie.link import Address, PacketQueue, ShutdownSequence, SupervisorInfo, sendable
 from flatsat_ros.crazyflie.outbox import Outbox, Packet, Stream
-from flatsat_ros.flight.supervisor import Policy
+from flatsat_ros.flight.policy import Policy
 from flatsat_ros.nodes import crazyswarm
 from flatsat_ros.nodes.ros import cdr, interfaces, messages
 from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, Report

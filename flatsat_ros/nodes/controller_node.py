@@ -24,9 +24,10 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.crazyflie.wire import Backend, WireSetpoint, YawMode, setpoint_from_command
 from flatsat_ros.flight import telemetry
-from flatsat_ros.flight.pilot import Command, Pilot, Tick
+from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.stamps import StampClock
 from flatsat_ros.flight.supervisor import AIRBORNE, Mode, Transition
+from flatsat_ros.flight.tick import Command, Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.crazyswarm import SETTLING_TIME, DroneLink
 from flatsat_ros.nodes.flight_report import FlightLog, report_flight

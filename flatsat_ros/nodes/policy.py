@@ -8,7 +8,7 @@ from rclpy.node import Node
 
 from flatsat_ros.base.errors import require
 from flatsat_ros.flight.estimator import PREDICTION_MAX
-from flatsat_ros.flight.supervisor import GoalMode, Policy, YawSource
+from flatsat_ros.flight.policy import GoalMode, Policy, YawSource
 from flatsat_ros.nodes.ros.parameters import declare, declare_choice
 
 # parameter, what it means, unit, default and range

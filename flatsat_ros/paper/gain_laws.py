@@ -14,8 +14,9 @@ from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.demo.scenario import POSE_NOISE, VEHICLE
-from flatsat_ros.flight.pilot import Pilot, Tick
-from flatsat_ros.flight.supervisor import GoalMode, Policy
+from flatsat_ros.flight.pilot import Pilot
+from flatsat_ros.flight.policy import GoalMode, Policy
+from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.controller import Controller
 from flatsat_ros.law.gain import Tuning

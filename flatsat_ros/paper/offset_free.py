@@ -15,8 +15,9 @@ from flatsat_ros.certificate.closed_form import closed_form_certificate
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.demo.scenario import LEG_TIME, PAPER_WAYPOINTS, POSE_NOISE, swap_between
-from flatsat_ros.flight.pilot import Pilot, Tick
-from flatsat_ros.flight.supervisor import GoalMode, Policy
+from flatsat_ros.flight.pilot import Pilot
+from flatsat_ros.flight.policy import GoalMode, Policy
+from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.law.input_set import InputSet

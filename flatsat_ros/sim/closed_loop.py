@@ -8,7 +8,8 @@ from typing import Protocol
 
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.crazyflie.wire import WireSetpoint, YawMode, setpoint_from_command
-from flatsat_ros.flight.pilot import Pilot, Tick
+from flatsat_ros.flight.pilot import Pilot
+from flatsat_ros.flight.tick import Tick
 from flatsat_ros.sim.sensor import Sample
 
 Observer = Callable[[float, list[Sample], Tick, dict[int, WireSetpoint]], None]

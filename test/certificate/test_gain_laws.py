@@ -14,7 +14,7 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.closed_form import closed_form_certificate
 from flatsat_ros.flight.pilot import Pilot
-from flatsat_ros.flight.supervisor import GoalMode, Policy
+from flatsat_ros.flight.policy import GoalMode, Policy
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.controller import Controller
 from flatsat_ros.law.gain import Tuning, adapt

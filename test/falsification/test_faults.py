@@ -24,7 +24,8 @@ from flatsat_ros.falsification.faults.record import Record, distance_to_path
 from flatsat_ros.falsification.faults.rows import Row, fly_row, load, merged, replay, save
 from flatsat_ros.falsification.faults.scene import Scene
 from flatsat_ros.falsification.faults.table import ACCEPTED, FAULTS
-from flatsat_ros.flight.pilot import Pilot, Tick
+from flatsat_ros.flight.pilot import Pilot
+from flatsat_ros.flight.tick import Tick
 from flatsat_ros.sim.fleet import SimulatedFleet
 
 PAIR = PLANS[Phase.HOVER].starts

@@ -14,8 +14,10 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.closed_form import closed_form_certificate
 from flatsat_ros.certificate.sets import Place
 from flatsat_ros.flight.guarantee import GuaranteeMonitor
-from flatsat_ros.flight.pilot import Pilot, Tick
-from flatsat_ros.flight.supervisor import Mode, Policy
+from flatsat_ros.flight.pilot import Pilot
+from flatsat_ros.flight.policy import Policy
+from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.law.input_set import InputSet

@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.flight.supervisor import AIRBORNE, TABLE, Event, Mode, Policy, Situation, next_mode
+from flatsat_ros.flight.policy import Policy
+from flatsat_ros.flight.supervisor import AIRBORNE, TABLE, Event, Mode, Situation, next_mode
 
 POLICY = Policy(pose_timeout=0.3, level_time=0.5, unlock_time=0.5, level_thrust=0.9)
 

@@ -9,8 +9,9 @@ from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
-from flatsat_ros.flight.pilot import Pilot, Tick
-from flatsat_ros.flight.supervisor import Policy
+from flatsat_ros.flight.pilot import Pilot
+from flatsat_ros.flight.policy import Policy
+from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.nodes.last_resort import LastResort

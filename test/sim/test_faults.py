@@ -14,7 +14,7 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.flight.pilot import Pilot
-from flatsat_ros.flight.supervisor import Policy
+from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim import faults

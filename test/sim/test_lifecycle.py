@@ -11,8 +11,10 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.crazyflie.wire import WireSetpoint, YawMode
-from flatsat_ros.flight.pilot import Pilot, Tick
-from flatsat_ros.flight.supervisor import GoalMode, Mode, Policy
+from flatsat_ros.flight.pilot import Pilot
+from flatsat_ros.flight.policy import GoalMode, Policy
+from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.closed_loop import fly
