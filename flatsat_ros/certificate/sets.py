@@ -139,6 +139,9 @@ class Sets:
         if not finite.all():
             lateral, upright = np.where(finite, lateral, 0.0), np.where(finite, upright, 0.0)
             total = np.where(finite, total, np.inf)
+        elif np.count_nonzero(total <= self.level) == total.size:  # E lies in D: nothing more to compute
+            one, inside = np.ones(total.shape), np.ones(total.shape, dtype=bool)
+            return Membership(total / self.level, np.full(total.shape, Place.ELLIPSOID.value), one, inside)
         scale = self._scale(lateral, upright)
         lifted = self._scale(np.maximum(lateral, self.floor), np.maximum(upright, self.floor)) if self.floor else scale
         ellipsoid, larger = total <= self.level, scale <= 1.0

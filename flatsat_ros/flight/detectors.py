@@ -15,7 +15,7 @@ _CARRIED_TIME = 0.5
 # a drone is off the ground when it is so far, m, from the height at which its lock was opened
 _LIFTED_OFF = 0.05
 # an upward acceleration of this much, m/s^2, is a command to climb
-CLIMB = 0.5
+_CLIMB = 0.5
 
 # A drone falls when it sinks faster than this, m/s, and is disturbed downward by more than this, m/s^2.
 _FALLING_SPEED = 1.0
@@ -66,7 +66,7 @@ class LiftOffDetector:
     """Tells which drones are commanded to climb and stay on the ground.
 
     Attributes:
-        height: (N,) at which each drone stands, m; NaN once it is off the ground.
+        standing: (N,) who was seen to stand and has not left the ground yet.
     """
 
     def __init__(self, count: int, patience: float) -> None:
@@ -77,26 +77,27 @@ class LiftOffDetector:
             patience: s of a commanded climb after which a drone that is still on the ground will not leave it.
         """
         self._patience = patience
-        self.height = np.full(count, np.nan)
+        self.standing = np.zeros(count, dtype=bool)
+        self._height = np.zeros(count)  # at which each stood last, m
         self._held_since = np.full(count, np.inf)
 
     def begin(self, index: int, height: float) -> None:
         """Watch drone index, which stands at a height, m, and is about to take off."""
-        self.height[index], self._held_since[index] = height, np.inf
+        self.standing[index], self._height[index], self._held_since[index] = True, height, np.inf
 
-    def held(self, now: float, height: FloatArray, climbing: np.ndarray) -> np.ndarray:
+    def held(self, now: float, height: FloatArray, upward: FloatArray, flying: np.ndarray) -> np.ndarray:
         """Tell which drones have been commanded to climb for too long without leaving the ground, (N,).
 
         Args:
             now: s.
             height: (N,) z, m.
-            climbing: (N,) who was commanded to climb at the last tick.
+            upward: (N,) vertical acceleration that was commanded at the last tick, m/s^2.
+            flying: (N,) who is steered.
         """
-        watched = np.asarray(~np.isnan(self.height))
-        if not np.count_nonzero(watched):
-            return watched
-        self.height[watched & (np.abs(height - self.height) >= _LIFTED_OFF)] = np.nan
-        waiting = climbing & ~np.isnan(self.height)
+        if not np.count_nonzero(self.standing):
+            return np.zeros(flying.size, dtype=bool)
+        self.standing = self.standing & (np.abs(height - self._height) < _LIFTED_OFF)
+        waiting = flying & self.standing & (upward >= _CLIMB)
         self._held_since = np.where(waiting, np.minimum(self._held_since, now), np.inf)
         return np.asarray(now - self._held_since >= self._patience)
 
@@ -120,9 +121,12 @@ class FallDetector:
             upward: (N,) vertical acceleration that was commanded at the last tick, m/s^2.
             height: (N,) above the ground on which each stood last, m; infinite for those that are not judged.
         """
-        judged = np.isfinite(height)
-        falling = judged & (state[:, 5] < -_FALLING_SPEED) & (disturbance < -_FALLING_DISTURBANCE)
-        lying = judged & (np.abs(height) < _NEAR_GROUND) & (upward > _UPWARD)
+        sinking, low = state[:, 5] < -_FALLING_SPEED, np.abs(height) < _NEAR_GROUND
+        if not np.count_nonzero(sinking) + np.count_nonzero(low):
+            self._since[:] = np.inf
+            return sinking
+        falling = sinking & np.isfinite(height) & (disturbance < -_FALLING_DISTURBANCE)
+        lying = low & (upward > _UPWARD)
         if not np.count_nonzero(lying):
             self._since[:] = np.inf
             return np.asarray(falling)
@@ -148,25 +152,25 @@ class AstrayDetector:
 
         Args:
             count: N.
-            period: between two ticks, s.
+            period: between two looks, s.
             late: how long a command takes to act, s.
         """
         self._period = period
         self._window, self._late = max(1, round(_WINDOW / period)), round(late / period)
-        # velocity, and velocity that was commanded since the start, of the last ticks: (ticks, 2, N, 2), newest last
+        # velocity, and velocity that was commanded since the start, of the last looks: (looks, 2, N, 2), newest last
         self._past = np.zeros((2 * self._window + self._late + 1, 2, count, 2))
         self._sums = np.zeros((count, 3))  # of what was commanded, of what came along it and across it
         self._judged = np.zeros(count)  # s
 
-    def astray(self, command: FloatArray, velocity: FloatArray, judged: np.ndarray) -> np.ndarray:
+    def astray(self, push: FloatArray, velocity: FloatArray, judged: np.ndarray) -> np.ndarray:
         """Tell who goes astray, (N,).
 
         Args:
-            command: (N, 2) horizontal acceleration commanded at this tick, m/s^2.
+            push: (N, 2) horizontal change of velocity that was commanded since the last look, m/s.
             velocity: (N, 2) estimated, m/s.
             judged: (N,) who is in the air and steered.
         """
-        commanded = self._past[-1, 1] + self._period * command
+        commanded = self._past[-1, 1] + push
         self._past[:-1] = self._past[1:]
         self._past[-1] = velocity, commanded
         wanted = self._changed(self._past[: len(self._past) - self._late, 1])

@@ -186,8 +186,10 @@ class Guidance:
             flying: (N,) who is steered.
             full: (N,) whose thrust was at its limit at the last tick.
         """
-        error = reference[:, 2] - state[:, 2]
         low = state[:, 2] - self.ground < _NEAR_GROUND
+        if not np.count_nonzero(low) + np.count_nonzero(full) + np.count_nonzero(self._waiting):
+            return
+        error = reference[:, 2] - state[:, 2]
         hangs = np.where(self._waiting, error > _HANGS_NO_MORE, (error > _HANGS) & full)
         wait = flying & ~self.landing & (low | hangs)
         changed = (wait != self._waiting) & flying

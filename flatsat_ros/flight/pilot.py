@@ -33,6 +33,7 @@ _FULL = 0.98
 _TILTED = 0.7
 
 _FLY, _LEVEL, _DESCEND = (mode.value for mode in AIRBORNE)  # numpy compares with these ten times faster
+_GROUNDED = np.array([mode not in AIRBORNE for mode in Mode])  # of each mode
 
 
 class Pilot:
@@ -220,7 +221,7 @@ class Pilot:
         state, estimate = estimated[:, :6], estimated[:, 6:]
         self._state = state
         usable = self._usable = self.estimator.usable(now, self._policy.pose_timeout)
-        grounded = ~np.isin(self.mode, AIRBORNE)
+        grounded = _GROUNDED[self.mode]
         ready = usable & ~(grounded & self._unready_all()) if np.count_nonzero(grounded) else usable
         sight = self._senses.look(now, estimated, ready, self.mode, self._guidance)
         transitions = self._supervisor.advance(now, sight)
@@ -247,7 +248,7 @@ class Pilot:
         fixed = references.at_rest & (spent == 0.0)
         assessment = self._monitor.assess(output.error, margin, fixed)
         self._monitor.follow(acceleration - np.where(flying[:, np.newaxis], base[:, 6:], 0.0))
-        free = self._senses.note(acceleration, estimated, flying, self.certificate.period)
+        free = self._senses.note(acceleration, estimated, flying)
         self._full = command[:, 0] >= _FULL * self.certificate.limits.thrust_max
         self.estimator.command(now, acceleration, free)
         reports, self._reports = self._reports, []

@@ -14,6 +14,7 @@ class References:
     Attributes:
         yaw: (N,) psi to hold, rad.
         margin: (N,) distance of the trajectories' accelerations to the boundary of the input set, m/s^2.
+        at_rest: (N,) whether the reference stays where it is for good: a set-point, or a trajectory that has ended.
     """
 
     def __init__(self, count: int) -> None:
@@ -21,6 +22,7 @@ class References:
         self.yaw = np.zeros(count)
         self.margin = np.full(count, np.inf)
         self._trajectories: list[Trajectory | None] = [None] * count
+        self.at_rest = np.ones(count, dtype=bool)
         # the segment of each trajectory that is flown now: coefficients, time origin, time of its end
         self._coefficients = np.zeros((count, 8, 3))
         self._origin = np.zeros(count)
@@ -31,7 +33,7 @@ class References:
         """Give drone index a new trajectory with its margin, m/s^2, in force from the next sample on."""
         self.margin[index] = margin
         self._trajectories[index] = trajectory
-        self._until[index] = -np.inf
+        self._until[index], self.at_rest[index] = -np.inf, False
         self.yaw[index] = trajectory.yaw
 
     def sample(self, t: float) -> FloatArray:
@@ -44,6 +46,7 @@ class References:
                 if trajectory is not None:
                     self._coefficients[index], self._origin[index], self._until[index] = trajectory.segment(t)
                     self._resting[index, :3] = self._coefficients[index, 0]
+                    self.at_rest[index] = np.isinf(self._until[index])
         if self.at_rest.all():
             return self._resting.copy()
         return evaluate(self._coefficients, t - self._origin)
@@ -54,8 +57,3 @@ class References:
         if trajectory is None:
             return np.zeros((4, 3))
         return np.concatenate([trajectory.sample(t).reshape(3, 3), trajectory.jerk(t)[np.newaxis]])
-
-    @property
-    def at_rest(self) -> np.ndarray:
-        """(N,) whether the reference stays where it is for good: a set-point, or a trajectory that has ended."""
-        return np.asarray(np.isinf(self._until))

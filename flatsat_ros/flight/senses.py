@@ -7,12 +7,14 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.flight.descent import BlindDescent
-from flatsat_ros.flight.detectors import CLIMB, AstrayDetector, FallDetector, LiftOffDetector, TouchDownDetector
+from flatsat_ros.flight.detectors import AstrayDetector, FallDetector, LiftOffDetector, TouchDownDetector
 from flatsat_ros.flight.guidance import Guidance
 from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.supervisor import AIRBORNE, Mode, Sight
 from flatsat_ros.flight.thrust import ThrustScale
 
+# the detectors look so often, s: they judge by what lasts for tenths of a second
+_LOOK = 0.05
 # near the ground, m, a drone is not judged by its motion: something may carry it
 _NEAR_GROUND = 0.15
 # a drone on the ground that is commanded upward by this, m/s^2, and stays this slow, m/s, has too little thrust
@@ -36,15 +38,21 @@ class Senses:
         gravity = certificate.limits.gravity
         self.thrust = ThrustScale(count, policy.thrust_error_max)
         self.descent = BlindDescent(gravity, policy.drag, policy.level_thrust, count)
+        self._every = max(1, round(_LOOK / certificate.period))  # ticks from look to look
+        self._tick, self._period = certificate.period, self._every * certificate.period
+        self._ticks = 0
+        self._sight: Sight | None = None  # of the last look; None: something has changed since
         self._gravity = gravity
         self._policy = policy
         self._touch_down = TouchDownDetector(count)
         self._lift_off = LiftOffDetector(count, policy.lift_off_time)
         self._fall = FallDetector(count)
-        self._astray = AstrayDetector(count, certificate.period, max(certificate.lag + certificate.delay, _LATE))
+        self._astray = AstrayDetector(count, self._period, max(certificate.lag + certificate.delay, _LATE))
         self._unlocked = np.zeros(count, dtype=bool)  # it stood on the ground when its flight began
         self._gone_astray = np.zeros(count, dtype=bool)  # until it is down
+        self._free = np.zeros(count, dtype=bool)  # steered in the air, away from the ground
         self._acceleration = np.zeros((count, 3))  # commanded at the last tick, m/s^2
+        self._push = np.zeros((count, 3))  # commanded change of velocity since the last look, m/s
 
     def set_clock_back(self, now: float) -> None:
         """Let nothing last longer because the clock was set back to now, s."""
@@ -63,13 +71,15 @@ class Senses:
             mode: (N,) values of `Mode` until now.
             guidance: who lands, and the ground below each.
         """
+        if self._sight is not None and self._ticks % self._every:
+            return self._sight._replace(height=estimated[:, 2], usable=usable)
         state, disturbance = estimated[:, :6], estimated[:, 6:]
         upward = self._acceleration[:, 2]
         flying = (mode == Mode.FLY.value) & usable
-        held = flying & self._lift_off.held(now, state[:, 2], flying & (upward >= CLIMB))
-        off_ground = flying & np.isnan(self._lift_off.height)
-        height = np.where(off_ground, state[:, 2] - guidance.ground, np.inf)
-        return Sight(
+        held = self._lift_off.held(now, state[:, 2], upward, flying)
+        standing = self._lift_off.standing
+        height = np.where(flying & ~standing, state[:, 2] - guidance.ground, np.inf)
+        self._sight = Sight(
             height=state[:, 2],
             usable=usable,
             touched_down=self._touch_down.carried(now, state[:, 5], upward, flying & guidance.landing),
@@ -77,27 +87,33 @@ class Senses:
             fell=self._fall.fell(now, state, disturbance[:, 2], upward, height),
             astray=self._gone_astray,
             descended=self.descent.over(now),
-            grounded=self._unlocked & ~np.isnan(self._lift_off.height),
+            grounded=self._unlocked & standing,
         )
+        return self._sight
 
-    def note(self, acceleration: FloatArray, estimated: FloatArray, flying: np.ndarray, period: float) -> np.ndarray:
+    def note(self, acceleration: FloatArray, estimated: FloatArray, flying: np.ndarray) -> np.ndarray:
         """Learn from one tick; return who is steered in the air, away from the ground, (N,).
 
         Args:
             acceleration: (N, 3) commanded, m/s^2.
             estimated: (N, 9), see `look`.
             flying: (N,) who is steered.
-            period: s.
         """
-        disturbance, climb = estimated[:, 6:], estimated[:, 5]
-        standing = flying & ~np.isnan(self._lift_off.height)
-        free = flying & ~standing & (estimated[:, 2] >= self._low)
-        lifting = standing & (acceleration[:, 2] >= _LIFTING) & (climb < _LIFTING_SLOW)
-        learning = flying & ~(standing & self._unlocked) & (estimated[:, 2] >= self._low)
-        self.thrust.learn(acceleration[:, 2] + self._gravity, disturbance[:, 2], learning, lifting, period)
-        self._gone_astray |= self._astray.astray(acceleration[:, :2], estimated[:, 3:5], free)
         self._acceleration = acceleration
-        return np.asarray(free)
+        self._push = self._push + self._tick * acceleration
+        self._ticks += 1
+        if self._ticks % self._every:
+            return np.asarray(self._free & flying)
+        disturbance, climb = estimated[:, 6:], estimated[:, 5]
+        standing = self._lift_off.standing
+        high = flying & (estimated[:, 2] >= self._low)
+        free = high & ~standing
+        lifting = flying & standing & (acceleration[:, 2] >= _LIFTING) & (climb < _LIFTING_SLOW)
+        learning = high & ~(standing & self._unlocked)
+        self.thrust.learn(acceleration[:, 2] + self._gravity, disturbance[:, 2], learning, lifting, self._period)
+        self._gone_astray = self._gone_astray | self._astray.astray(self._push[:, :2], estimated[:, 3:5], free)
+        self._push, self._free = np.zeros_like(self._push), free
+        return self._free
 
     @property
     def _low(self) -> float:
@@ -124,6 +140,7 @@ class Senses:
         Returns:
             The height, m, of the ground on which it is known to stand; None if nothing new is known of that.
         """
+        self._sight = None
         height = float(estimated[2])
         if after is Mode.LEVEL or (after is Mode.DESCEND and before is Mode.FLY):
             lift = float(estimated[8]) if self.thrust.is_settled(index) else None

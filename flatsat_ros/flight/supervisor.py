@@ -310,12 +310,12 @@ class Supervisor:
             now: s.
             sight: what is known of the drones.
         """
-        disturbed = ~sight.usable | sight.touched_down | sight.held | sight.fell | sight.astray
-        undisturbed = (self.mode == Mode.FLY.value) & ~disturbed
         made, self._pending = self._pending, []
-        if np.count_nonzero(undisturbed) == undisturbed.size:
+        events = sight.touched_down, sight.held, sight.fell, sight.astray
+        flies = (self.mode == Mode.FLY.value) & sight.usable
+        if np.count_nonzero(flies) == flies.size and not any(map(np.count_nonzero, events)):
             return tuple(made)
-        for index in map(int, np.flatnonzero(~undisturbed)):
+        for index in map(int, np.flatnonzero(~flies | np.any(events, axis=0))):
             before = Mode(self.mode[index])
             situation = Situation(
                 elapsed=now - float(self._since[index]),

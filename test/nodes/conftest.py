@@ -308,8 +308,14 @@ class Lab:
         """Return a client of a node's parameter services, which are there."""
         if node not in self._clients:
             self._clients[node] = AsyncParameterClient(self.node, node)
-        self.wait(self._clients[node].services_are_ready, f"the parameter services of {node}")
+        self._await_service(self._clients[node].services_are_ready, f"the parameter services of {node}")
         return self._clients[node]
+
+    def _await_service(self, is_ready: Callable[[], bool], what: str) -> None:
+        """Wait until requests arrive, and a little more: an answer gets lost while the server does not know us yet."""
+        if not is_ready():
+            self.wait(is_ready, what)
+            self.listen(0.3)
 
     def answer(self, request: Future[Any]) -> Any:
         """Return the answer to a request."""
@@ -321,10 +327,7 @@ class Lab:
         if (kind, name) not in self._services:
             self._services[kind, name] = self.node.create_client(kind, name)
         client = self._services[kind, name]
-        if not client.service_is_ready():
-            self.wait(client.service_is_ready, f"the service {name}")
-            # ready says that requests arrive; an answer gets lost while the server does not know this client yet
-            self.listen(0.3)
+        self._await_service(client.service_is_ready, f"the service {name}")
         return self.answer(client.call_async(kind.Request(**fields)))
 
     def wait_for_flight(self, robot: str, poses: list[Any], goal: Sequence[float], tolerance: float = NEAR) -> None:

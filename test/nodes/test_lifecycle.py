@@ -33,6 +33,7 @@ def test_drones_are_disarmed_armed_flown_and_landed_by_services_of_one_and_of_al
         return lab.ask(SetBool, interfaces.service_of(who, "arm"), data=wanted)
 
     for who, named in (("cf1", ("cf1",)), (everybody, robots)):
+        lab.wait(lambda: modes() == {Mode.IDLE}, "the end of the unlocking that arming begins")
         refused = trigger(who, "land")
         assert not refused.success
         for robot in named:
