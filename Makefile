@@ -84,8 +84,9 @@ lint: setup  ## style, format and types: ruff, mypy --strict over the whole pack
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-docs: setup  ## the reference of the Python API from its docstrings, into docs/api/; a warning is an error
+docs: setup  ## the reference of the Python API, into docs/api/, a warning is an error; and docs/flight_modes.md
 	$(BIN)/python docs/build_api.py
+	$(BIN)/python docs/build_flight_modes.py
 
 clean:  ## remove what was built, not .venv
 	rm -rf build install log out docs/api .coverage .hypothesis .mypy_cache .pytest_cache .ruff_cache

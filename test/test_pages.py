@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import runpy
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -207,6 +208,12 @@ def test_what_is_not_there_is_found(check: str, text: str, culprit: str) -> None
 def test_the_readme_leads_to_every_page() -> None:
     links = set(_LINK.findall(prose((ROOT / "README.md").read_text(encoding="utf-8"))))
     assert {file.relative_to(ROOT).as_posix() for file in PAGES[1:]} - links == set()
+
+
+def test_the_state_table_is_that_of_the_code() -> None:
+    """Compare the page with what `make docs` prints."""
+    builder = runpy.run_path(str(ROOT / "docs" / "build_flight_modes.py"))
+    assert builder["PAGE"].read_text(encoding="utf-8") == builder["page"]()
 
 
 def test_dead_links_are_found() -> None:

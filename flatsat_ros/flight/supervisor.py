@@ -15,7 +15,6 @@ locked, it would fall.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from typing import NamedTuple
@@ -85,6 +84,31 @@ class Situation:
     rearmed: bool = False
     grounded: bool = False
 
+    @property
+    def wanted(self) -> bool:
+        """It has a reference to fly, or was armed and can be unlocked."""
+        return self.requested or (self.unlocking and self.usable)
+
+    @property
+    def unlocked(self) -> bool:
+        """The mode has lasted for `unlock_time`."""
+        return self.elapsed >= self.policy.unlock_time
+
+    @property
+    def waited(self) -> bool:
+        """The mode has lasted for 5 s more than `unlock_time`."""
+        return self.elapsed >= self.policy.unlock_time + _TAKE_OFF_PATIENCE
+
+    @property
+    def levelled(self) -> bool:
+        """The mode has lasted for `level_time`."""
+        return self.elapsed >= self.policy.level_time
+
+    @property
+    def rested(self) -> bool:
+        """The mode has lasted for `rest_time`."""
+        return self.elapsed >= self.policy.rest_time
+
 
 class Event(Enum):
     """Why a drone changes its mode; the value is what a person is told."""
@@ -114,28 +138,29 @@ class Event(Enum):
     REARMED = "armed again"
 
 
-_CONDITIONS: dict[Event, Callable[[Situation], bool]] = {
-    Event.TAKE_OVER: lambda s: s.usable and s.requested and not s.standing,
-    Event.TAKE_OFF: lambda s: s.usable and s.requested and s.standing,
-    Event.START_AGAIN: lambda s: s.usable and s.requested,
-    Event.ARMED: lambda s: s.usable and s.unlocking and s.standing,
-    Event.NOTHING_TO_DO: lambda s: not s.requested and not (s.unlocking and s.usable),
-    Event.TAKE_OFF_LOST: lambda s: not s.usable and s.elapsed >= s.policy.unlock_time + _TAKE_OFF_PATIENCE,
-    Event.UNLOCKED_TO_FLY: lambda s: s.usable and s.requested and s.elapsed >= s.policy.unlock_time,
-    Event.UNLOCKED: lambda s: not s.requested and s.elapsed >= s.policy.unlock_time,
-    Event.POSE_LOST: lambda s: not s.usable,
-    Event.POSE_LOST_GROUNDED: lambda s: not s.usable and s.grounded,
-    Event.POSE_BACK: lambda s: s.usable,
-    Event.POSE_BACK_LATE: lambda s: s.usable and not s.astray,
-    Event.TOUCHED_DOWN: lambda s: s.touched_down,
-    Event.HELD: lambda s: s.held and not s.retried,
-    Event.HELD_AGAIN: lambda s: s.held and s.retried,
-    Event.FELL: lambda s: s.fell,
-    Event.ASTRAY: lambda s: s.astray,
-    Event.LEVEL_TIME_OVER: lambda s: s.elapsed >= s.policy.level_time,
-    Event.DESCENDED: lambda s: s.descended,
-    Event.RESTED: lambda s: s.elapsed >= s.policy.rest_time,
-    Event.REARMED: lambda s: s.rearmed,
+# When an event happens: each of these terms, attributes of `Situation`, is true, or false after a "not".
+CONDITIONS: dict[Event, tuple[str, ...]] = {
+    Event.TAKE_OVER: ("usable", "requested", "not standing"),
+    Event.TAKE_OFF: ("usable", "requested", "standing"),
+    Event.START_AGAIN: ("usable", "requested"),
+    Event.ARMED: ("usable", "unlocking", "standing"),
+    Event.NOTHING_TO_DO: ("not wanted",),
+    Event.TAKE_OFF_LOST: ("not usable", "waited"),
+    Event.UNLOCKED_TO_FLY: ("usable", "requested", "unlocked"),
+    Event.UNLOCKED: ("not requested", "unlocked"),
+    Event.POSE_LOST: ("not usable",),
+    Event.POSE_LOST_GROUNDED: ("not usable", "grounded"),
+    Event.POSE_BACK: ("usable",),
+    Event.POSE_BACK_LATE: ("usable", "not astray"),
+    Event.TOUCHED_DOWN: ("touched_down",),
+    Event.HELD: ("held", "not retried"),
+    Event.HELD_AGAIN: ("held", "retried"),
+    Event.FELL: ("fell",),
+    Event.ASTRAY: ("astray",),
+    Event.LEVEL_TIME_OVER: ("levelled",),
+    Event.DESCENDED: ("descended",),
+    Event.RESTED: ("rested",),
+    Event.REARMED: ("rearmed",),
 }
 
 TABLE: dict[Mode, tuple[tuple[Event, Mode], ...]] = {
@@ -166,9 +191,14 @@ TABLE: dict[Mode, tuple[tuple[Event, Mode], ...]] = {
 def next_mode(mode: Mode, situation: Situation) -> tuple[Mode, Event | None]:
     """Return the mode that follows and the event that leads there, None where the mode stays."""
     for event, after in TABLE[mode]:
-        if _CONDITIONS[event](situation):
+        if all(_is_true(term, situation) for term in CONDITIONS[event]):
             return after, event
     return mode, None
+
+
+def _is_true(term: str, situation: Situation) -> bool:
+    name = term.removeprefix("not ")
+    return bool(getattr(situation, name)) is (name == term)
 
 
 class Transition(NamedTuple):
