@@ -182,8 +182,8 @@ def _compare_ticks(commit: str) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 1
     rows = [
-        [str(size), str(quartiles(times.ours)), str(quartiles(times.theirs)), str(_ratio(times.ours, times.theirs))]
-        for size, times in found.items()
+        [case, str(quartiles(times.ours)), str(quartiles(times.theirs)), str(_ratio(times.ours, times.theirs))]
+        for case, times in found.items()
     ]
     print(f"The whole tick, us, in turns; the commands agree\n{table(['drones', 'now', commit, 'ratio'], rows)}")
     return 0

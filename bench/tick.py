@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 SIZES = (1, 10, 100)
+PLACES = {"at its set-point": 0.0, "0.5 m away": 0.5}  # m
 _ROUNDS = 7
 _SETTLED, _TICKS = 60, 200  # ticks before and while it is timed
 _PERIOD = 0.02  # s, of the certificate cf21_50hz
@@ -27,20 +28,20 @@ _ROUNDING = 1e-6  # relative, of commands of both trees
 
 
 class Comparison(NamedTuple):
-    """Tick times of one number of drones, us, round by round."""
+    """Tick times of one number of drones in one place, us, round by round."""
 
     ours: list[float]
     theirs: list[float]
 
 
-def compare(commit: str) -> dict[int, Comparison]:
+def compare(commit: str) -> dict[str, Comparison]:
     """Time the ticks of this tree and of a commit of its history in turns.
 
     Args:
         commit: any name that git knows.
 
     Returns:
-        The times by the number of drones.
+        The times by the number of drones and their place.
 
     Raises:
         RuntimeError: git does not know the commit, or the two trees command the drones differently.
@@ -55,13 +56,13 @@ def compare(commit: str) -> dict[int, Comparison]:
         rounds = [
             {name: _run(Path(tree)) for name, tree in (("ours", root), ("theirs", folder))} for _ in range(_ROUNDS)
         ]
-    for size in map(str, SIZES):
-        ours, theirs = (np.array(rounds[0][name][size]["command"]) for name in ("ours", "theirs"))
+    for case, first in rounds[0]["ours"].items():
+        ours, theirs = np.array(first["command"]), np.array(rounds[0]["theirs"][case]["command"])
         if not np.allclose(ours, theirs, rtol=_ROUNDING, atol=_ROUNDING):
-            raise RuntimeError(f"{size} drones are commanded {ours.tolist()} now and {theirs.tolist()} at {commit}")
+            raise RuntimeError(f"{case}: commanded is {ours.tolist()} now and {theirs.tolist()} at {commit}")
     return {
-        size: Comparison(*([one[name][str(size)]["us"] for one in rounds] for name in ("ours", "theirs")))
-        for size in SIZES
+        case: Comparison(*([one[name][case]["us"] for one in rounds] for name in ("ours", "theirs")))
+        for case in rounds[0]["ours"]
     }
 
 
@@ -82,8 +83,11 @@ def _name(*places: str) -> Any:
     raise ImportError(f"none of {', '.join(places)} is there")
 
 
-def _time(tree: Path, size: int) -> dict[str, Any]:
-    """Return the median time of a tick, us, and a command of the first drone, of drones led to a set-point."""
+def _time(tree: Path, size: int, away: float) -> dict[str, Any]:
+    """Return the mean time of a tick, us, and a command of the first drone, of drones so far, m, from their set-point.
+
+    The mean of the faster nine tenths: not every tick does the same, and what is slower was interrupted.
+    """
     certificate = _name("certificate.certificate.Certificate", "core.certificate.Certificate").load(
         tree / "config" / "cf21_50hz.yaml"
     )
@@ -98,7 +102,7 @@ def _time(tree: Path, size: int) -> dict[str, Any]:
     )
     places = [(0.1 * i, 0.0, 1.0) for i in range(size)]
     for index, (x, y, z) in enumerate(places):
-        getattr(pilot, "set_reference", getattr(pilot, "refer", None))(index, hold([x + 0.5, y, z]))
+        getattr(pilot, "set_reference", getattr(pilot, "refer", None))(index, hold([x + away, y, z]))
     times = []
     for number in range(_SETTLED + _TICKS):
         now = number * _PERIOD
@@ -109,9 +113,11 @@ def _time(tree: Path, size: int) -> dict[str, Any]:
         times.append(perf_counter() - begin)
         if number == _SETTLED:
             command = tick.input[0].tolist()
-    return {"us": 1e6 * float(np.median(times[_SETTLED:])), "command": command}
+    fastest = np.sort(times[_SETTLED:])[: int(0.9 * _TICKS)]
+    return {"us": 1e6 * float(fastest.mean()), "command": command}
 
 
 if __name__ == "__main__":
     sys.path.insert(0, sys.argv[1])
-    print(json.dumps({size: _time(Path(sys.argv[1]), size) for size in SIZES}))
+    cases = {f"{size} {place}": (size, away) for place, away in PLACES.items() for size in SIZES}
+    print(json.dumps({case: _time(Path(sys.argv[1]), *parameters) for case, parameters in cases.items()}))

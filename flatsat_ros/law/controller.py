@@ -122,7 +122,7 @@ class Controller:
             v0 = -gradient[..., 3:]
 
             # v = v_ref + k v0: as far toward v_ref + gamma v0 as V_c reaches
-            k = np.minimum(gamma, limits.exit_factor_of_finite(v_ref, v0))
+            k = limits.reach_of_finite(v_ref, v0, gamma)
             v = v_ref + k[..., np.newaxis] * v0
             u = input_from_finite(v, yaw, limits.gravity)
         if not math.isfinite(u.sum()):  # one look at the end instead of one at each array

@@ -196,6 +196,16 @@ class InputSet:
             # never NaN, so that NaN, no exit, counts as 0; negative upward, where sphere is above 0
             return np.asarray(1.0 / (np.fmax(np.fmax(sphere, cone), plane) * scale))
 
+    def reach_of_finite(self, base: FloatArray, v: FloatArray, most: FloatArray) -> FloatArray:
+        """Return the smaller one of most (...) and `exit_factor` of arrays that are known to be finite and (..., 3)."""
+        half_width = self.inner_radius / math.sqrt(3.0)  # of the largest cube in the largest ball around 0
+        # a cube is convex: with both ends in it, all that lies between them is in V_c
+        if np.abs(base).max(initial=0.0) <= half_width:
+            end = base + most[..., np.newaxis] * v
+            if np.abs(end).max(initial=0.0) <= half_width:
+                return most
+        return np.minimum(most, self.exit_factor_of_finite(base, v))
+
     def margin(self, v: ArrayLike) -> FloatArray:
         """Return the distance from v to the boundary of V_c, the radius of the largest ball around v inside V_c.
 
