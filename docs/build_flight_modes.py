@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterator
 from dataclasses import fields
 from inspect import cleandoc
@@ -58,6 +59,15 @@ def _terms() -> Iterator[str]:
         yield f"| {name} | {meaning[0].lower() + meaning[1:]} |\n"
 
 
+def main() -> int:
+    """Write the page; return 1 after one line on stderr if that changed it, which in the gate nobody would commit."""
+    text = page()
+    if PAGE.read_text(encoding="utf-8") == text:
+        return 0
+    PAGE.write_text(text, encoding="utf-8")
+    print(f"make docs: {PAGE.name} was not that of the code and is written again: commit it", file=sys.stderr)
+    return 1
+
+
 if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
-    print(PAGE)
+    sys.exit(main())
