@@ -11,7 +11,7 @@ ARGS ?=
 
 PYTHON_NOBLE ?= $(firstword $(wildcard $(HOME)/.pyenv/versions/3.12*/bin/python) $(shell command -v python3.12))
 NOBLE := .venv-noble
-WITHOUT_ROS := $(addprefix test/,base law certificate flight crazyflie synthesis identification sim falsification demo paper/test_errata.py paper/test_offset_free.py paper/test_tracking.py)
+WITHOUT_ROS := $(addprefix test/,base law certificate flight crazyflie synthesis planning identification sim falsification demo test_fuzz.py paper/test_errata.py paper/test_offset_free.py paper/test_tracking.py)
 NOBLE_REQUIREMENTS := requirements/noble.txt
 NOBLE_SETUP := $(NOBLE)/.done
 
@@ -21,7 +21,7 @@ EXTREMES := $(foreach version,3.10 3.13,$(if $(call python_found,$(version)),.ve
 
 unexport PYTHONPATH AMENT_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help setup build demo test test-noble test-kernels bench reproduce falsify faults lint docs certificates clean
+.PHONY: help setup build demo test test-noble test-kernels bench reproduce falsify faults fuzz lint docs certificates clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 16
@@ -74,6 +74,9 @@ falsify: build  ## a million closed loops against certificates; ARGS="--runs 200
 
 faults: build  ## every fault in every phase of flight, into out/faults/; ARGS="--fault y_up" and so on
 	$(SOURCED) $(EXECUTABLES)/faults $(ARGS)
+
+fuzz: build  ## a million bad inputs for whatever reads what others wrote, into out/fuzz/; ARGS="--kind recording" and so on
+	$(SOURCED) $(BIN)/python test/fuzz.py $(ARGS)
 
 certificates: build  ## the paper's certificates in config/, computed again
 	$(SOURCED) $(EXECUTABLES)/synthesize --paper all --output-dir config --force

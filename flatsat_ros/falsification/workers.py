@@ -7,7 +7,7 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -21,12 +21,12 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-def results_of(work: Callable[[Item], Result], items: Sequence[Item], workers: int) -> Generator[Result]:
+def results_of(work: Callable[[Item], Result], items: Iterable[Item], workers: int) -> Generator[Result]:
     """Yield what the work on the items comes to, in their order; what has not begun is dropped with the generator.
 
     Args:
         work: a function of a module, or a partial of one: worker processes import it.
-        items: what is worked on.
+        items: what is worked on; asked for when there is a worker for it.
         workers: processes; 1 for this one alone.
 
     Raises:

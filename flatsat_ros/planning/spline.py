@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
-from flatsat_ros.base.arrays import finite_array
-from flatsat_ros.base.errors import refusal, require_positive
+from flatsat_ros.base.arrays import finite_array, require_each
+from flatsat_ros.base.errors import LARGEST, refusal, require_positive
 from flatsat_ros.flight.trajectory import Trajectory
 
 _DEGREE = 5
@@ -26,11 +26,13 @@ def spline_through(waypoints: ArrayLike, leg_time: float, yaw: float = 0.0) -> T
         polynomials of degree 5: the trajectory is the spline exactly.
 
     Raises:
-        FlatsatError: fewer than two way-points, a value that is not finite, or a leg time that is not above 0.
+        FlatsatError: fewer than two way-points, a value that is not finite or beyond `LARGEST`, or a leg time that is
+            not above 0.
     """
     points = finite_array("waypoints", waypoints, 3)
     if points.ndim != 2 or len(points) < 2:
         raise refusal("shape of waypoints", points.shape, "", "(M, 3) with M >= 2")
+    require_each(np.abs(points) <= LARGEST, "an entry of waypoints", points, "m", f"within {LARGEST:g} m")
     times = require_positive("leg_time", leg_time, "s") * np.arange(len(points))
     at_rest = [(order, np.zeros(3)) for order in (1, 2)]
     spline = make_interp_spline(times, points, k=_DEGREE, bc_type=(at_rest, at_rest))

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from damage import damaged, refusal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -178,18 +177,6 @@ def test_an_unverified_document_can_be_built_but_not_loaded(tmp_path: Path) -> N
     path.write_text(yaml.safe_dump(document), encoding="utf-8")
     with pytest.raises(FlatsatError, match=r"V <= eps implies .* fails by"):
         Certificate.load(path)
-
-
-@settings(max_examples=200)
-@given(data=st.data())
-def test_a_damaged_file_is_what_it_was_or_refused_in_one_line(
-    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
-) -> None:
-    path = tmp_path_factory.mktemp("damaged") / "certificate.yaml"
-    text = yaml.safe_dump(VALID.to_document(), sort_keys=False, default_flow_style=None)
-    path.write_bytes(data.draw(damaged(text)))
-    if refusal(lambda: Certificate.load(path), path) is None:
-        assert min(Certificate.load(path).margins().values()) > -1e-9
 
 
 FIGURES = [

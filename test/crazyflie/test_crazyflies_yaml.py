@@ -5,28 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from damage import damaged, refusal
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from fuzzing.crazyflies import EXAMPLE
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot, read_crazyflies
-
-EXAMPLE = """
-fileversion: 3
-robots:
-  cf231:
-    enabled: true
-    uri: radio://0/80/2M/E7E7E7E7E7
-    initial_position: [0.0, -0.5, 0]
-    type: cf21
-    firmware_params: {stabilizer: {controller: 1}}
-  cf5: {enabled: false, uri: radio://0/80/2M/E7E7E7E705, initial_position: [0, 0, 0], type: cf21}
-  cf7: {uri: null, type: null}
-robot_types:
-  cf21: {motion_capture: {tracking: librigidbodytracker}}
-all: {firmware_logging: {enabled: true}}
-"""
 
 
 def write(folder: Path, text: str) -> Path:
@@ -38,6 +20,7 @@ def write(folder: Path, text: str) -> Path:
 def test_the_enabled_robots_come_in_the_order_of_the_file(tmp_path: Path) -> None:
     assert read_crazyflies(write(tmp_path, EXAMPLE)) == [
         Robot("cf231", "radio://0/80/2M/E7E7E7E7E7", (0.0, -0.5, 0.0), "cf21"),
+        Robot("cf6", "udp://127.0.0.1:19850", (0.0, 0.0, 0.0), "cf21"),
         Robot("cf7", "", (0.0, 0.0, 0.0), ""),
     ]
 
@@ -67,16 +50,6 @@ def test_the_enabled_robots_come_in_the_order_of_the_file(tmp_path: Path) -> Non
 def test_what_is_not_such_a_file_is_refused(text: str, complaint: str, tmp_path: Path) -> None:
     with pytest.raises(FlatsatError, match=complaint):
         read_crazyflies(write(tmp_path, text))
-
-
-@settings(max_examples=200)
-@given(data=st.data())
-def test_a_damaged_file_is_read_or_refused_in_one_line(
-    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
-) -> None:
-    path = tmp_path_factory.mktemp("damaged") / "crazyflies.yaml"
-    path.write_bytes(data.draw(damaged(EXAMPLE)))
-    refusal(lambda: read_crazyflies(path), path)
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:

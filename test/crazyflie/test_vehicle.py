@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from damage import damaged, refusal
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.constants import GRAVITY
@@ -126,14 +125,3 @@ def test_what_is_no_profile_is_refused(text: str, tmp_path: Path) -> None:
     path.write_text(text, encoding="latin-1")
     with pytest.raises(FlatsatError):
         VehicleProfile.load(path)
-
-
-@settings(max_examples=200)
-@given(data=st.data())
-def test_a_damaged_profile_is_read_or_refused_in_one_line(
-    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
-) -> None:
-    path = tmp_path_factory.mktemp("damaged") / "profile.yaml"
-    path.write_bytes(data.draw(damaged((VEHICLES / "cf21_plus.yaml").read_text(encoding="utf-8"))))
-    if refusal(lambda: VehicleProfile.load(path), path) is None:
-        assert 9.81 < VehicleProfile.load(path).thrust_max < np.inf

@@ -6,12 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from damage import damaged, refusal
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.identification.recording import COLUMNS, POSES, SPAN, Recording, read_csv
+from flatsat_ros.identification.recording import COLUMNS, POSES, Recording, read_csv
 
 HEADER = ",".join(COLUMNS)
 EPOCH = 1_700_000_000.0
@@ -103,18 +102,6 @@ def test_a_file_without_the_column_names_is_refused(file: Path, content: str) ->
 def test_a_recording_without_a_pose_is_refused(file: Path, lines: list[str]) -> None:
     with pytest.raises(FlatsatError, match=r"recording\.csv: .*no poses"):
         read_csv(write(file, *lines))
-
-
-@settings(max_examples=300)
-@given(data=st.data())
-def test_a_damaged_recording_gives_finite_stamps_or_is_refused_in_one_line(
-    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
-) -> None:
-    file = tmp_path_factory.mktemp("damaged") / "recording.csv"
-    text = "\n".join([HEADER, *(line(EPOCH + 0.01 * number, x=0.1 * number) for number in range(5))])
-    file.write_bytes(data.draw(damaged(text)))
-    if refusal(lambda: read_csv(file), file) is None:
-        assert read_csv(file).due()[-1] <= SPAN
 
 
 def test_more_lines_than_are_read_are_refused(file: Path) -> None:
