@@ -35,6 +35,7 @@ from flatsat_ros.base.strict_yaml import read_yaml
 T = TypeVar("T")
 
 PWM_FULL = 65535  # the 16-bit thrust command that stands for force_max
+_WARNING_LEAD = 0.1  # V, by which a warning comes before the landing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,20 +140,32 @@ class Motors:
 
 @dataclass(frozen=True, kw_only=True)
 class BatteryLimits:
-    """The voltages at which the firmware warns and switches off.
+    """The voltages at which the firmware warns and switches off, and those at which the controller warns and lands.
 
     Attributes:
-        low_voltage: V, warning below it.
-        critical_voltage: V, shutdown below it.
+        low_voltage: V, warning of the firmware below it.
+        critical_voltage: V, shutdown by the firmware below it.
+        landing_voltage: V, at which the controller lands the drone; left out or 0: low_voltage.
+        warning_voltage: V, at which the controller warns, and up to which no drone takes off; left out or 0: 0.1 V
+            above landing_voltage.
     """
 
     low_voltage: float
     critical_voltage: float
+    landing_voltage: float = 0.0
+    warning_voltage: float = 0.0
 
     def __post_init__(self) -> None:
         require_fields(self, require_positive, low_voltage="V", critical_voltage="V")
+        require_fields(self, require_zero_or_positive, landing_voltage="V", warning_voltage="V")
         low, critical = self.low_voltage, self.critical_voltage
         require(critical <= low, "critical_voltage", critical, "V", f"at most low_voltage, {low} V")
+        landing = self.landing_voltage or low
+        warning = self.warning_voltage or landing + _WARNING_LEAD
+        require(critical <= landing, "landing_voltage", landing, "V", f"at least critical_voltage, {critical} V")
+        require(landing < warning, "warning_voltage", warning, "V", f"above landing_voltage, {landing} V")
+        object.__setattr__(self, "landing_voltage", landing)
+        object.__setattr__(self, "warning_voltage", warning)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import FlatsatError, require_positive
 from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.flight.battery import Batteries, Charge, Limits
+from flatsat_ros.flight.clearance import Cause, Clearance
 from flatsat_ros.flight.estimator import Estimator
 from flatsat_ros.flight.guarantee import GuaranteeMonitor
 from flatsat_ros.flight.guidance import Guidance
@@ -42,6 +44,8 @@ class Pilot:
     Attributes:
         certificate: what is proved of the loop.
         estimator: the drones' estimates.
+        batteries: what is known of their batteries.
+        clearance: what keeps drones on the ground.
         memory: the controller's gains.
     """
 
@@ -49,6 +53,7 @@ class Pilot:
         """Start with all drones idle; tuning has one entry a drone or one for all."""
         self.certificate = certificate
         self.estimator = Estimator(count)
+        self.batteries, self.clearance = Batteries(count), Clearance()
         self._policy = policy
         self._supervisor = Supervisor(policy, count)
         self._guidance = Guidance(certificate.limits, policy.speed_max, policy.box, count)
@@ -83,7 +88,7 @@ class Pilot:
         if self._policy.goal_mode is GoalMode.STEP:
             self.set_reference(index, Trajectory.hold(position, yaw))
             return
-        self._supervisor.require_armed(index)
+        self._require_clear(index)
         self._guidance.go_to(index, position, float(finite_array("yaw", yaw)))
         self._begin(index, patient=True)
 
@@ -93,7 +98,7 @@ class Pilot:
         Raises:
             FlatsatError: it leaves the box or no margin inside the input set, or the drone must not take off.
         """
-        self._supervisor.require_armed(index)
+        self._require_clear(index)
         path_mode = self._policy.goal_mode is GoalMode.PATH
         if path_mode and trajectory.times.size == 1:
             self.set_goal(index, trajectory.end, trajectory.yaw)
@@ -102,6 +107,16 @@ class Pilot:
             self._guidance.require_near(index, trajectory, self._now)
         self._guidance.follow(index, trajectory)
         self._begin(index, patient=True)
+
+    def _require_clear(self, index: int) -> None:
+        """Refuse a reference for drone index if it must not take off, or lands because its battery is empty.
+
+        Raises:
+            FlatsatError: it is disarmed, has fallen, or something else keeps it on the ground.
+        """
+        self._supervisor.require_armed(index)
+        if self.mode[index] not in AIRBORNE or self.batteries.charge[index] is Charge.EMPTY:
+            self.clearance.require(index)
 
     def _begin(self, index: int, *, patient: bool) -> None:
         """Let a new reference of drone index be flown."""
@@ -114,9 +129,10 @@ class Pilot:
         """Let drone index brake and stay where it comes to rest.
 
         Raises:
-            FlatsatError: it does not fly.
+            FlatsatError: it does not fly, or lands because its battery is empty.
         """
         self._supervisor.require_mode(index, Mode.FLY, purpose="hold its place")
+        self._require_clear(index)
         self._guidance.brake(index, self._now)
 
     def arm(self, index: int, armed: bool) -> None:
@@ -142,7 +158,7 @@ class Pilot:
             FlatsatError: it does not stand, its pose is not known, it must not take off, the height is not above 0 or
                 ends outside the box.
         """
-        self._supervisor.require_armed(index)
+        self._require_clear(index)
         place, mode = self._state[index, :3], Mode(self.mode[index])
         if mode not in (Mode.IDLE, Mode.UNLOCK, Mode.CUT) or self._senses.moves(index, self._state[index]):
             raise FlatsatError(f"the drone is in {mode.name} at z = {place[2]:.2f} m: only one on the ground takes off")
@@ -209,6 +225,20 @@ class Pilot:
         """Store a pose of drone index; see `Estimator.measure`."""
         return self.estimator.measure(index, stamp, position, quaternion, now)
 
+    def note_battery(self, index: int, voltage: float, limits: Limits, now: float) -> None:
+        """Take in a battery voltage, V, of drone index; an empty one makes it land, see `flight.battery`."""
+        finding = self.batteries.measure(index, voltage, limits, now)
+        self.clearance.bar(index, Cause.BATTERY, self.batteries.refusal(index))
+        if finding is None:
+            return
+        done = ""
+        if finding.charge is Charge.EMPTY:
+            done = ": it does not take off"
+            if self.mode[index] in AIRBORNE:
+                done = ": it brakes and lands"
+                self._guidance.land(index, self._now)
+        self._reports.append(Report(index, finding.text + done))
+
     def tick(self, now: float) -> Tick:
         """Compute all commands at time now, s; called once per period of the certificate."""
         begin = perf_counter()
@@ -217,6 +247,9 @@ class Pilot:
             self._supervisor.set_clock_back(now)
             self._senses.set_clock_back(now)
         self._now = now
+        for index, reason in self.clearance.barred():
+            if self._supervisor.call_off(index):
+                self._reports.append(Report(index, f"its take-off is called off: {reason}"))
         estimated = self.estimator.estimate(now)
         state, estimate = estimated[:, :6], estimated[:, 6:]
         self._state = state

@@ -319,6 +319,13 @@ class Supervisor:
         """Let drone index not take off any more; one in the air goes on."""
         self.armed[index] = self.unlocking[index] = self._requested[index] = False
 
+    def call_off(self, index: int) -> bool:
+        """Forget the reference of drone index unless it is in the air; return whether there was one to forget."""
+        forgets = bool(self._requested[index]) and self.mode[index] not in AIRBORNE
+        if forgets:
+            self._requested[index] = False
+        return forgets
+
     def release(self, index: int) -> None:
         """Fall silent about drone index in flight: somebody else flies it from now on.
 

@@ -38,6 +38,7 @@ _THRUST_ERROR_MAX = 0.25
 # s, that the landings may take when the controller is ended
 _SHUTDOWN_TIME_MAX = 60.0
 _ROUNDING = 1e-6  # s
+_BATTERY_PERIOD = 1.0  # s, between two battery messages of a drone, as crazyswarm2's server sends them by default
 TEXT = 160  # letters of a remark
 _LOOK_EVERY = 10  # steps of integration between two looks at distances
 
@@ -130,6 +131,7 @@ class Scene:
         self.failure = ""
         self.seed = seed
         self.time = self.acted = 0.0
+        self._battery_due = 0.0  # s, when the drones report their batteries next
         self._agenda: list[tuple[float, int, Callable[[Scene], None]]] = []
 
     def start_controller(self) -> None:
@@ -254,8 +256,17 @@ class Scene:
         if self._looks % _LOOK_EVERY == 0:
             self.record.look(self.fleet.time, bodies.position)
 
-    def _observe(self, _now: float, _samples: list[Sample], tick: Tick, sent: dict[int, WireSetpoint]) -> None:
+    def _report_batteries(self, now: float) -> None:
+        """Let the drones that are on report their batteries when that is due."""
+        if self.pilot is None or now < self._battery_due - _ROUNDING:
+            return
+        self._battery_due = now + _BATTERY_PERIOD
+        for drone in map(int, np.flatnonzero(self.fleet.firmware.powered)):
+            self.pilot.note_battery(drone, float(self.fleet.power.voltage[drone]), self.vehicle.battery, now)
+
+    def _observe(self, now: float, _samples: list[Sample], tick: Tick, sent: dict[int, WireSetpoint]) -> None:
         time, self._sent = self.fleet.time, sent
+        self._report_batteries(now)
         self.remarks += [Remark(time, drone, one_line(text, TEXT)) for drone, text in told(tick)]
         if self.moments is not None:
             bodies = self.fleet.bodies
