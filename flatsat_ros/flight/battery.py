@@ -1,10 +1,10 @@
 """The batteries of N drones: when to warn, when to land, and who must not take off.
 
 Every message is judged when it comes; nothing is done in a tick. A level is reached when all readings since `HOLD` were
-at or below it, and left when all readings since `HOLD` were above. The thrust of a manoeuvre makes the voltage sag for as
-long as it lasts: a path accelerates for about a second, a gust passes in one or two, so that no single burst lands a
-drone. The firmware waits for 5 s in the same way before it switches off at a lower voltage: a landing begins earlier.
-On the ground no motor makes the voltage sag, so that the newest reading alone decides on a take-off.
+at or below it, and left when all readings since `HOLD` were above. The reason: voltage sags under thrust. Paths take
+at most 4 % more of it than a hover; a gust or a correction takes more, for a second or two, and must land no drone.
+The firmware waits likewise, for 5 s, before it switches off at a lower voltage: the landing begins earlier. On the
+ground no motor makes the voltage sag, so that there the newest reading alone decides on a take-off.
 """
 
 from __future__ import annotations
@@ -98,8 +98,8 @@ class Batteries:
         self._refusal[index] = above if held or voltage <= warning else ""
         if charge <= before:
             return None
-        level = landing if charge is Charge.EMPTY else warning
-        return Finding(charge, f"battery = {voltage:.2f} V: at or below {level:g} V for {HOLD:g} s")
+        limit = landing if charge is Charge.EMPTY else warning
+        return Finding(charge, f"battery = {voltage:.2f} V: at or below {limit:g} V for {HOLD:g} s")
 
     def refusal(self, index: int) -> str:
         """Return why drone index must not take off, empty if it may: so after a landing until the voltage is back."""

@@ -93,6 +93,10 @@ def test_lag_is_the_slowest_of_attitude_and_thrust(name: str) -> None:
         ({"dynamics.thrust_lag_up": 0.0}, "thrust_lag_up"),
         ({"dynamics.drag_z": -1.0}, "drag_z"),
         ({"battery.critical_voltage": 3.5}, "low_voltage"),
+        ({"battery.landing_voltage": 2.9}, "landing_voltage = 2.9 V: must be at least critical_voltage, 3.0 V"),
+        ({"battery.warning_voltage": 3.2}, "warning_voltage = 3.2 V: must be above landing_voltage, 3.2 V"),
+        ({"battery.landing_voltage": -3.2}, "landing_voltage = -3.2 V: must be 0, or a number from"),
+        ({"battery.landing_voltage": float("nan")}, "landing_voltage = nan V: must be 0, or a number from"),
     ],
 )
 def test_a_wrong_profile_is_refused_by_name(change: dict[str, object], complaint: str, tmp_path: Path) -> None:
@@ -117,6 +121,19 @@ def test_a_missing_key_is_refused(tmp_path: Path) -> None:
     path.write_text(yaml.safe_dump(document))
     with pytest.raises(FlatsatError, match="drag_z"):
         VehicleProfile.load(path)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_profile_without_voltages_of_the_controller_lands_where_the_firmware_warns(name: str, tmp_path: Path) -> None:
+    document = yaml.safe_load((VEHICLES / f"{name}.yaml").read_text())
+    shipped = profile(name).battery
+    assert shipped.critical_voltage < shipped.low_voltage == shipped.landing_voltage < shipped.warning_voltage
+    for key in ("landing_voltage", "warning_voltage"):
+        del document["battery"][key]
+        (path := tmp_path / f"{key}.yaml").write_text(yaml.safe_dump(document))
+        limits = VehicleProfile.load(path).battery
+        assert limits.landing_voltage == document["battery"]["low_voltage"]
+        assert limits.warning_voltage == pytest.approx(limits.landing_voltage + 0.1)
 
 
 @pytest.mark.parametrize("text", ["", "- 1\n", "{", "\x80"])
