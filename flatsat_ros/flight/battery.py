@@ -55,13 +55,13 @@ class Batteries:
     """What is known of N batteries.
 
     Attributes:
-        voltage: newest reading of each drone, V; NaN before the first.
-        charge: of each drone; GOOD before the first reading.
+        voltages: newest reading of each drone, V; NaN before the first.
+        charges: of each drone; GOOD before the first reading.
     """
 
     def __init__(self, count: int) -> None:
-        self.voltage = [math.nan] * count
-        self.charge = [Charge.GOOD] * count
+        self.voltages = [math.nan] * count
+        self.charges = [Charge.GOOD] * count
         # since when all readings were above the warning level, at or below it, at or below the landing level, s; NaN:
         # the newest was not
         self._since = [[math.nan] * 3 for _ in range(count)]
@@ -87,19 +87,19 @@ class Batteries:
             self._doubted[index] = True
             valid = f"from {_LEAST * landing:g} to {_MOST * warning:g} V"
             return Finding(Charge.GOOD, f"battery = {voltage:g} V: must be {valid}: such values are ignored")
-        self.voltage[index] = voltage
+        self.voltages[index] = voltage
         since = self._since[index]
         for level, holds in enumerate((voltage > warning, voltage <= warning, voltage <= landing)):
             since[level] = math.nan if not holds else now if math.isnan(since[level]) else since[level]
-        before, charge = self.charge[index], self._judge(index, now)
-        self.charge[index] = charge
+        before, charge = self.charges[index], self._judge(index, now)
+        self.charges[index] = charge
         held = f" for {HOLD:g} s" if charge is Charge.EMPTY else ""
         above = f"battery = {voltage:.2f} V: must be above {warning:g} V{held} before the drone takes off"
         self._refusal[index] = above if held or voltage <= warning else ""
         if charge <= before:
             return None
-        limit = landing if charge is Charge.EMPTY else warning
-        return Finding(charge, f"battery = {voltage:.2f} V: at or below {limit:g} V for {HOLD:g} s")
+        limit, then = (landing, "") if charge is Charge.EMPTY else (warning, f": the drone lands at {landing:g} V")
+        return Finding(charge, f"battery = {voltage:.2f} V: at or below {limit:g} V for {HOLD:g} s{then}")
 
     def refusal(self, index: int) -> str:
         """Return why drone index must not take off, empty if it may: so after a landing until the voltage is back."""
@@ -112,4 +112,4 @@ class Batteries:
             return Charge.EMPTY
         if above:
             return Charge.GOOD
-        return max(self.charge[index], Charge.LOW) if low else self.charge[index]
+        return max(self.charges[index], Charge.LOW) if low else self.charges[index]

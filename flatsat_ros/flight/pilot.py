@@ -115,7 +115,7 @@ class Pilot:
             FlatsatError: it is disarmed, has fallen, or something else keeps it on the ground.
         """
         self._supervisor.require_armed(index)
-        if self.mode[index] not in AIRBORNE or self.batteries.charge[index] is Charge.EMPTY:
+        if self.mode[index] not in AIRBORNE or self.batteries.charges[index] is Charge.EMPTY:
             self.clearance.require(index)
 
     def _begin(self, index: int, *, patient: bool) -> None:

@@ -24,11 +24,13 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.crazyflie.wire import Backend, WireSetpoint, YawMode, setpoint_from_command
 from flatsat_ros.flight import telemetry
+from flatsat_ros.flight.clearance import Cause
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.stamps import StampClock
 from flatsat_ros.flight.supervisor import AIRBORNE, Mode, Transition
 from flatsat_ros.flight.tick import Command, Tick
 from flatsat_ros.flight.trajectory import Trajectory
+from flatsat_ros.nodes.batteries import follow_batteries
 from flatsat_ros.nodes.crazyswarm import SETTLING_TIME, DroneLink
 from flatsat_ros.nodes.flight_report import FlightLog, report_flight
 from flatsat_ros.nodes.last_resort import LastResort
@@ -110,11 +112,12 @@ class ControllerNode(ProgramNode):
         self._telemetry_publishers: list[Publisher] = []
         for index, robot in enumerate(self.robots):
             self._connect(index, robot)
+        follow_batteries(self, self.robots, self._take_voltage)
         for robot in (*self.robots, interfaces.ALL):
             self._serve(robot)
         self._links = [DroneLink(self, robot) for robot in self.robots]
         self.create_timer(self._certificate.period, self._on_tick)
-        self._rivals = Rivals(self, self.robots)
+        self._rivals = Rivals(self, self.robots, lambda index, why: self._pilot.clearance.bar(index, Cause.RIVALS, why))
         self.create_timer(_LOOK_PERIOD, self._look_around)
         Diagnostics(self, self._report)
         self.get_logger().info(
@@ -185,8 +188,9 @@ class ControllerNode(ProgramNode):
         self.create_service(SetBool, interfaces.service_of(robot, interfaces.ARM), arm)
 
     def _take_off(self, index: int) -> None:
-        self._rivals.require_none(index)
+        self._rivals.look(index)
         self._pilot.take_off(index, self._takeoff_height)
+        self._rivals.starting.add(index)
 
     def _arm(self, index: int, wanted: bool) -> str:
         """Allow or forbid take-off, and arm or disarm the drone itself; return what happens now."""
@@ -254,6 +258,9 @@ class ControllerNode(ProgramNode):
         now = self.get_clock().now().nanoseconds
         self._set_reference(index, cdr.trajectory_from_cdr(data, now, self._stamps.origin()))
 
+    def _take_voltage(self, index: int, voltage: float) -> None:
+        self._pilot.note_battery(index, voltage, self._vehicles[index].battery, self._stamps.now)
+
     def _set_reference(self, index: int, reference: Trajectory) -> None:
         """Let a drone follow a reference from now on, and take off for it if it rests.
 
@@ -261,9 +268,12 @@ class ControllerNode(ProgramNode):
             FlatsatError: it cannot, and what it followed before stays.
         """
         self._require_steered(index)
-        if self._pilot.mode[index] not in AIRBORNE:
-            self._rivals.require_none(index)
+        starts = self._pilot.mode[index] not in AIRBORNE
+        if starts:
+            self._rivals.look(index)
         self._pilot.set_reference(index, reference)
+        if starts:
+            self._rivals.starting.add(index)
 
     def _look_at_clock(self) -> None:
         self._log.clock(self._stamps.look())
@@ -271,6 +281,9 @@ class ControllerNode(ProgramNode):
     def _on_tick(self) -> None:
         with self.faults.contain("clock"):
             self._look_at_clock()
+        if self._rivals.starting:
+            with self.faults.contain("rivals"):
+                self._rivals.look_before_start(self._poses)
         tick = self._step()
         for index in range(len(self.robots)):
             self._send(index, self._silence if tick is None else tick.command)
@@ -335,17 +348,18 @@ class ControllerNode(ProgramNode):
             robot, link = self.robots[index], self._links[index]
             with self.faults.contain(f"{robot}/transition"):
                 self._log.transition(robot, transition)
+                self._rivals.follow(index, after)
                 if after is not Mode.IDLE:
                     link.reclaim()
                 elif before in (Mode.REST, Mode.UNLOCK):
                     link.release(in_flight=False)
 
     def _look_around(self) -> None:
-        self._rivals.look()
         offered = dict(self.get_service_names_and_types())
-        for robot, link in zip(self.robots, self._links, strict=True):
+        for index, robot in enumerate(self.robots):
             with self.faults.contain(f"{robot}/services"):
-                link.find_services(offered)
+                self._rivals.look(index)
+                self._links[index].find_services(offered)
 
     def _report(self, _: int) -> list[Report]:
         """Return how every drone is; nothing of those of which nothing is known before the first tick."""

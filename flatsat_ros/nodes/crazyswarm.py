@@ -1,4 +1,4 @@
-"""The services of a drone's own link: crazyswarm2's where crazyflie_interfaces is installed, std_srvs' where it is not.
+"""A drone's own link: crazyswarm2's services and status where crazyflie_interfaces is installed, std_srvs' without it.
 
 crazyflie_interfaces is no package that every ROS installation has: it is loaded when it is first needed.
 """
@@ -27,6 +27,14 @@ def services() -> Any | None:
     """Return the module crazyflie_interfaces.srv, None where it is not installed."""
     try:
         return import_module(f"{_PACKAGE}.srv")
+    except ModuleNotFoundError:
+        return None
+
+
+def status_topic() -> interfaces.Topic | None:
+    """Return the topic of crazyswarm2's status messages, None where crazyflie_interfaces is not installed."""
+    try:
+        return interfaces.status_topic(import_module(f"{_PACKAGE}.msg").Status)
     except ModuleNotFoundError:
         return None
 

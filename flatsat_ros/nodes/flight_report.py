@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from flatsat_ros.certificate.sets import Place
+from flatsat_ros.flight.battery import Charge
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.supervisor import Event, Mode, Transition
 from flatsat_ros.flight.tick import Tick
@@ -76,6 +77,8 @@ def report_flight(
     mode, where = Mode(pilot.mode[index]), tick.assessment
     place, flying = Place(where.place[index]), mode is Mode.FLY
     outside = "outside the certified sets" if flying and place is Place.OUTSIDE else ""
+    charge, voltage = pilot.batteries.charges[index], pilot.batteries.voltages[index]
+    battery = "" if charge is Charge.GOOD else f"battery {charge.name.lower()}"
     figures: dict[str, object] = {
         "V/eps": f"{where.relative_level[index]:.4g}",
         "set": place.name,
@@ -84,7 +87,9 @@ def report_flight(
         "applied gain": f"{tick.output.applied_gain[index]:.4g}",
         "pose age s": f"{now - pilot.estimator.newest[index]:.3f}",
         "poses refused": int(pilot.estimator.rejected[index]),
+        "battery V": f"{voltage:.2f}",
     }
-    bad = mode in _TROUBLE or rivals
-    level = Level.ERROR if bad else Level.WARN if outside else Level.OK
-    return Report(robot, robot, level, ": ".join(filter(None, (mode.name, outside, rivals))), figures | values)
+    bad = mode in _TROUBLE or rivals or charge is Charge.EMPTY
+    level = Level.ERROR if bad else Level.WARN if outside or battery else Level.OK
+    text = ": ".join(filter(None, (mode.name, outside, battery, rivals)))
+    return Report(robot, robot, level, text, figures | values)

@@ -228,8 +228,9 @@ class SimDrone(ProgramNode):
 
     def _publish_batteries(self) -> None:
         now = self.get_clock().now().nanoseconds
-        for drone, publisher in zip(self._drones, self._battery_publishers, strict=True):
-            publisher.publish(messages.battery_message(now, float(drone.fleet.power.voltage[drone.number])))
+        for (fleet, number), publisher in zip(self._drones, self._battery_publishers, strict=True):
+            if fleet.firmware.powered[number]:
+                publisher.publish(messages.battery_message(now, float(fleet.power.voltage[number])))
 
     def _report(self, _now: int) -> list[Report]:
         """Return how every drone is."""

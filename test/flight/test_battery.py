@@ -65,15 +65,15 @@ def test_a_level_is_reached_and_left_when_all_readings_of_the_hold_time_agree_an
             charge = Charge.GOOD
         elif agreed(times, [reading <= LIMITS.warning_voltage for reading in readings]):
             charge = max(charge, Charge.LOW)
-        assert batteries.charge[1] is charge
-        assert batteries.voltage[1] == voltage
+        assert batteries.charges[1] is charge
+        assert batteries.voltages[1] == voltage
         # told once, when it gets worse
         assert (finding is not None) == (charge > before)
         assert finding is None or finding.charge is charge
         # on the ground what counts is the newest reading, after a landing all of the hold time
         assert bool(batteries.refusal(1)) == (charge is Charge.EMPTY or voltage <= LIMITS.warning_voltage)
-    assert batteries.charge[0] is Charge.GOOD
-    assert math.isnan(batteries.voltage[0])
+    assert batteries.charges[0] is Charge.GOOD
+    assert math.isnan(batteries.voltages[0])
 
 
 @given(HISTORY, st.lists(st.tuples(st.integers(0, 40), ABSURD), min_size=1, max_size=10))
@@ -88,7 +88,7 @@ def test_what_no_battery_has_is_told_of_once_and_changes_nothing(
                 told.append(damaged.measure(0, value, LIMITS, now))
         now += pause
         assert damaged.measure(0, voltage, LIMITS, now) == clean.measure(0, voltage, LIMITS, now)
-        assert damaged.charge == clean.charge
+        assert damaged.charges == clean.charges
         assert damaged.refusal(0) == clean.refusal(0)
     first, *others = told
     assert first is not None
@@ -147,7 +147,7 @@ def test_a_drone_warns_then_lands_and_stays_down_until_its_battery_is_good_again
     world = World(2)
     world.hover()
     assert not world.feed(GOOD, 4)
-    assert world.feed(WEAK, 6) == ["battery = 3.25 V: at or below 3.3 V for 3 s"]
+    assert world.feed(WEAK, 6) == ["battery = 3.25 V: at or below 3.3 V for 3 s: the drone lands at 3.2 V"]
     world.pilot.set_goal(0, [0.0, 0.0, 0.9])  # a warning is none but a warning
     assert world.feed(EMPTY, 2) == []
     assert world.feed(WEAK, 4) == [], "the sag of a burst"

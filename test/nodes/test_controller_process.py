@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 import struct
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -88,8 +90,8 @@ class Room:
     def modes(self) -> list[Mode]:
         return [Mode(mode) for mode in self.node._pilot.mode]
 
-    def deliver(self, topic: str, data: bytes) -> None:
-        """Hand a message to the controller."""
+    def deliver(self, topic: str, data: Any) -> None:
+        """Hand a message to the controller: its bytes, or itself where it is read with its fields."""
         self._callbacks[f"/{topic}"](data)
 
     def goal(self, robot: str, *position: float) -> None:
@@ -461,7 +463,7 @@ def test_while_another_publishes_set_points_or_poses_no_drone_takes_off(
 
     def look(until: Callable[[], object]) -> None:
         for _ in range(200):
-            lab.node._rivals.look()
+            lab.node._rivals.look(0)
             if until():
                 return
             rclpy.spin_once(rival, timeout_sec=0.05)
@@ -472,7 +474,8 @@ def test_while_another_publishes_set_points_or_poses_no_drone_takes_off(
     assert not answer.success
     assert (
         "cf1: takeoff refused: 2 publish cf1/cmd_vel_legacy: /flatsat_controller, /lab/rival; "
-        "2 publish cf1/pose: /lab/rival, /lab/rival: stop all but one"
+        "2 publish cf1/pose: /lab/rival, /lab/rival: "
+        "stop all but one; a process that was killed stays listed for up to 20 s: wait so long"
     ) in answer.message
     assert "cf2" not in answer.message
     lab.goal("cf1", 0.0, 0.0, 1.0)
@@ -490,6 +493,73 @@ def test_while_another_publishes_set_points_or_poses_no_drone_takes_off(
     said = capfd.readouterr().err
     assert said.count("cf1: no take-off: 2 publish") == 1
     assert "cf1: one controller and one source of poses again" in said
+
+
+@pytest.mark.parametrize("waits", [True, False])
+def test_a_rival_that_appears_before_the_motors_start_calls_the_take_off_off(
+    room: Callable[..., Room], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], waits: bool
+) -> None:
+    lab = room()
+    rivals: list[str] = []
+    monkeypatch.setattr(lab.node._rivals, "_publishers", lambda topic: "two" if topic in rivals else "")
+    lab.run(0.5)
+    lab.blind = {0} if waits else set()
+    lab.run(1.0)
+    for robot in ("cf1", "cf2"):
+        lab.goal(robot, float(robot == "cf2"), 0.0, 1.0)
+    lab.run(0.1)
+    assert lab.modes == [Mode.IDLE if waits else Mode.UNLOCK, Mode.UNLOCK]
+    rivals.append("cf1/pose")
+    lab.blind = set()
+    lab.run(2.0)
+    assert lab.modes == [Mode.IDLE, Mode.FLY]
+    assert not any(sent.thrust for sent in lab.wires[0].sent)
+    said = capfd.readouterr().err
+    assert said.count("cf1: its take-off is called off: two: stop all but one") == 1
+    rivals.clear()
+    lab.node._look_around()
+    lab.run(2.0)
+    assert lab.modes[0] is Mode.IDLE, "motors start when somebody asks for it only"
+    lab.goal("cf1", 0.0, 0.0, 1.0)
+    lab.run(1.0)
+    assert lab.modes[0] is Mode.FLY
+
+
+def test_an_empty_battery_lands_its_drone_and_keeps_it_down(room: Callable[..., Room]) -> None:
+    lab = room()
+    lab.hover("cf1", "cf2")
+
+    def discharge(voltage: float, seconds: int) -> None:
+        for _ in range(seconds):
+            lab.deliver("cf1/battery", messages.battery_message(0, voltage))
+            lab.run(1.0)
+
+    discharge(3.25, 4)
+    assert lab.node._report(0)[0].text == "FLY: battery low"
+    discharge(3.1, 4)
+    lab.goal("cf1", 0.0, 0.0, 2.0)
+    assert "battery = 3.10 V: must be above 3.3 V" in lab.node.faults.newest("cf1")
+    lab.run(9.0)
+    assert lab.modes == [Mode.IDLE, Mode.FLY]
+    assert lab.fleet.bodies.grounded.tolist() == [True, False]
+    assert "cf1: takeoff refused: battery = 3.10 V" in lab.ask("cf1/flatsat/takeoff").message
+    status, other = lab.node._report(0)
+    assert (status.level, status.text, status.values["battery V"]) == (Level.ERROR, "IDLE: battery empty", "3.10")
+    assert (other.level, other.values["battery V"]) == (Level.OK, "nan")
+
+
+def test_crazyswarm2s_status_tells_the_battery_where_its_interfaces_are_installed(
+    room: Callable[..., Room], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a stand-in for its type."""
+    monkeypatch.setitem(sys.modules, "crazyflie_interfaces", SimpleNamespace())
+    monkeypatch.setitem(sys.modules, "crazyflie_interfaces.msg", SimpleNamespace(Status=Twist))
+    lab = room()
+    lab.run(0.5)
+    lab.deliver("cf1/status", SimpleNamespace(battery_voltage=3.1, pm_state=0))
+    answer = lab.ask("all/flatsat/takeoff")
+    assert "cf1: takeoff refused: battery = 3.10 V: must be above 3.3 V" in answer.message
+    assert "cf2" not in answer.message
 
 
 def test_a_request_that_fails_for_one_drone_is_done_for_the_others(

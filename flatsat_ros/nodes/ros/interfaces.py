@@ -17,6 +17,10 @@ def _reliable(depth: int) -> QoSProfile:
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
 
 
+def _best_effort(depth: int) -> QoSProfile:
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
 @dataclass(frozen=True)
 class Topic:
     """One topic of every robot.
@@ -38,12 +42,18 @@ class Topic:
         return f"{robot}/{self.suffix}"
 
 
-POSE = Topic("pose", PoseStamped, _reliable(10), QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
+POSE = Topic("pose", PoseStamped, _reliable(10), _best_effort(10))
 GOAL = Topic("goal_pose", PoseStamped, _reliable(10), _reliable(10))
 TRAJECTORY = Topic("trajectory", MultiDOFJointTrajectory, _reliable(10), _reliable(10))
 COMMAND = Topic("cmd_vel_legacy", Twist, _reliable(1), _reliable(1))
-BATTERY = Topic("battery", BatteryState, _reliable(10), _reliable(10))
+BATTERY = Topic("battery", BatteryState, _reliable(10), _best_effort(10))
 TELEMETRY = Topic("flatsat/telemetry", Float64MultiArray, _reliable(10), _reliable(10))
+
+
+def status_topic(kind: type[Any]) -> Topic:
+    """Return the topic on which crazyswarm2's server tells of a drone, of type crazyflie_interfaces' Status."""
+    return Topic("status", kind, _reliable(10), _best_effort(10))
+
 
 # The life-cycle of a flight, as services `<robot>/flatsat/<name>` and `all/flatsat/<name>`: the prefix keeps them from
 # clashing with those of crazyswarm2.

@@ -176,6 +176,11 @@ def battery_message(nanoseconds: int, voltage: float) -> BatteryState:
     return message
 
 
+def voltage_from_message(message: Any) -> float:
+    """Return the voltage, V, that sensor_msgs' BatteryState or crazyflie_interfaces' Status tells."""
+    return float(message.voltage if isinstance(message, BatteryState) else message.battery_voltage)
+
+
 def telemetry_message() -> Float64MultiArray:
     """Return a telemetry message with its layout; only `fill_telemetry` is needed per tick."""
     size = len(FIELDS)
