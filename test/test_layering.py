@@ -41,7 +41,8 @@ ROOMS = {
     "certificate": _room("base law", libraries="numpy"),
     "flight": _room(_PROOFS, libraries="numpy"),
     "crazyflie": _room("base", libraries="numpy"),
-    "planning": _room(f"{_PROOFS} flight", libraries="numpy scipy"),
+    "plans": _room(f"{_PROOFS} flight", libraries="numpy"),
+    "planning": _room(f"{_PROOFS} flight plans", libraries="numpy scipy clarabel"),
     "synthesis": _room(f"{_PROOFS} flight planning", libraries="numpy scipy clarabel cvxpy matplotlib tqdm"),
     "identification": _room("base flight", libraries="numpy"),
     "sim": _room(_FLOWN, libraries="numpy"),
@@ -50,9 +51,10 @@ ROOMS = {
     "falsification": _room(f"{_FLOWN} planning synthesis sim nodes demo", libraries="numpy tqdm"),
     "paper": _room(f"{_FLOWN} planning synthesis sim falsification demo", libraries="numpy matplotlib tqdm"),
     "cli": _room(
-        f"{_FLOWN} planning synthesis sim falsification demo paper", libraries="numpy scipy matplotlib rosbags tqdm"
+        f"{_FLOWN} plans planning synthesis sim falsification demo paper",
+        libraries="numpy scipy matplotlib rosbags tqdm",
     ),
-    "__init__": _room(f"{_FLOWN} sim"),  # by name only: importing the package imports no room
+    "__init__": _room(f"{_FLOWN} plans planning sim"),  # by name only: importing the package imports no room
 }
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from flatsat_ros.base.errors import quoted
+from flatsat_ros.base.errors import FlatsatError, quoted, refusal
 from flatsat_ros.base.files import read_text, unreadable, unwritable, write_text
 
 YAML_BYTES = 128 * 1024  # the largest certificate, of a loop with 40 commands in flight, has 100 KB
@@ -24,13 +24,17 @@ YAML_DEPTH = 32  # lists and mappings inside each other
 _TAG = "tag:yaml.org,2002:"
 
 
-def read_yaml(path: str | os.PathLike[str]) -> Any:
+def read_yaml(path: str | os.PathLike[str], bytes_max: int = YAML_BYTES) -> Any:
     """Return the one document of a YAML file as plain mappings, lists, strings, numbers, booleans and None.
+
+    Args:
+        path: of the file.
+        bytes_max: largest size that is read; larger than YAML_BYTES for files that hold tables as text.
 
     Raises:
         FlatsatError: the file cannot be read, or is not YAML within the limits that stand at the head of this module.
     """
-    text = read_text(path, YAML_BYTES)
+    text = read_text(path, bytes_max)
     try:
         return yaml.load(text, _Loader)
     except yaml.MarkedYAMLError as error:
@@ -57,6 +61,28 @@ def write_yaml(path: str | os.PathLike[str], document: dict[str, Any], header: s
     except yaml.YAMLError as error:
         raise unwritable(path, error) from error
     write_text(path, header + text)
+
+
+def section(name: str, value: object, keys: tuple[str, ...]) -> dict[str, Any]:
+    """Return a part of a document, a mapping that has exactly the given keys.
+
+    Args:
+        name: of the part, for the error.
+        value: what must be one.
+        keys: all of them are needed.
+
+    Raises:
+        FlatsatError: it is no mapping, a key is missing, or there is another one.
+    """
+    if not isinstance(value, dict):
+        raise refusal(name, value, "", f"a mapping with the keys {', '.join(keys)}")
+    unknown = [key for key in value if key not in keys]
+    if unknown:
+        raise FlatsatError(f"{name}: unknown key {quoted(unknown[0])}; valid keys are {', '.join(keys)}")
+    missing = [key for key in keys if key not in value]
+    if missing:
+        raise FlatsatError(f"{name}: key {missing[0]!r} is missing; needed are {', '.join(keys)}")
+    return value
 
 
 class _Loader(yaml.SafeLoader):
@@ -150,9 +176,13 @@ for _name, _pattern, _constructor in (
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes what _Loader reads: text that either would take for a number stands in quotation marks."""
+    """Writes what _Loader reads: text that either would take for a number stands in quotation marks, lines as lines."""
+
+    def represent_text(self, text: str) -> yaml.ScalarNode:
+        return self.represent_scalar(_TAG + "str", text, style="|" if "\n" in text else None)
 
 
+_Dumper.add_representer(str, _Dumper.represent_text)
 _Dumper.yaml_implicit_resolvers = {
     first: yaml.SafeDumper.yaml_implicit_resolvers.get(first, []) + _Loader.yaml_implicit_resolvers.get(first, [])
     for first in [*yaml.SafeDumper.yaml_implicit_resolvers, *_Loader.yaml_implicit_resolvers]

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
-from flatsat_ros.base.errors import LARGEST, FlatsatError, quoted, refusal, require, require_fields, require_positive
+from flatsat_ros.base.errors import LARGEST, FlatsatError, refusal, require, require_fields, require_positive
 from flatsat_ros.base.files import located
 from flatsat_ros.base.resources import config_path
-from flatsat_ros.base.strict_yaml import read_yaml, write_yaml
+from flatsat_ros.base.strict_yaml import read_yaml, section, write_yaml
 from flatsat_ros.certificate import lyapunov
 from flatsat_ros.certificate.robust import Robust
 from flatsat_ros.certificate.sampled_loop import Timing
@@ -238,16 +238,16 @@ class Certificate:
     def from_document(cls, document: object) -> Certificate:
         """Build a certificate from the parsed YAML document, refusing whatever is not exactly its form."""
         keys = ("flatsat_certificate", "name", *_SCHEMA, "loop", "robust", "provenance")
-        root = _section("the certificate", document, keys)
+        root = section("the certificate", document, keys)
         if root["flatsat_certificate"] != FORMAT or isinstance(root["flatsat_certificate"], bool):
             raise refusal("flatsat_certificate", root["flatsat_certificate"], "", f"{FORMAT}, what this version reads")
         if not isinstance(root["name"], str) or not root["name"]:
             raise refusal("name", root["name"], "", "a non-empty string")
         if not isinstance(root["provenance"], dict):
             raise refusal("provenance", root["provenance"], "", "a mapping")
-        limits, decay, invariant, sampling = (_section(key, root[key], keys) for key, keys in _SCHEMA.items())
-        loop = dict.fromkeys(_LOOP) if root["loop"] is None else _section("loop", root["loop"], _LOOP)
-        robust = None if root["robust"] is None else Robust(**_section("robust", root["robust"], _ROBUST))
+        limits, decay, invariant, sampling = (section(key, root[key], keys) for key, keys in _SCHEMA.items())
+        loop = dict.fromkeys(_LOOP) if root["loop"] is None else section("loop", root["loop"], _LOOP)
+        robust = None if root["robust"] is None else Robust(**section("robust", root["robust"], _ROBUST))
         certificate = cls(
             name=root["name"],
             limits=InputSet(**limits),
@@ -319,19 +319,6 @@ def _slope(metric: FloatArray, block: FloatArray) -> float:
     feedback = np.zeros(len(metric))
     feedback[:2] = block[1]
     return float(feedback @ np.linalg.solve(metric, feedback))
-
-
-def _section(name: str, value: object, keys: tuple[str, ...]) -> dict[str, Any]:
-    """Return a mapping that has exactly the given keys."""
-    if not isinstance(value, dict):
-        raise refusal(name, value, "", f"a mapping with the keys {', '.join(keys)}")
-    unknown = [key for key in value if key not in keys]
-    if unknown:
-        raise FlatsatError(f"{name}: unknown key {quoted(unknown[0])}; valid keys are {', '.join(keys)}")
-    missing = [key for key in keys if key not in value]
-    if missing:
-        raise FlatsatError(f"{name}: key {missing[0]!r} is missing; needed are {', '.join(keys)}")
-    return value
 
 
 def _matrix(name: str, value: object, size: int) -> FloatArray:

@@ -1,0 +1,188 @@
+"""One drone's reference as a clamped B-spline of degree 5 in whole nanometres and microseconds.
+
+Position to snap are continuous, and integers leave nothing to rounding: what is said about a curve is said about
+exactly these numbers. On every interval between knots the curve is a polynomial, and so are its derivatives; their
+Bezier control points, whose convex hull holds them, are rational combinations of the spline's.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flatsat_ros.base.arrays import FloatArray, IntArray
+from flatsat_ros.base.errors import FlatsatError, refusal, require
+from flatsat_ros.flight.trajectory import SIZE, Trajectory
+
+DEGREE = 5
+ORDER = DEGREE + 1  # control points of one span
+AT_REST = 4  # equal control points at an end: velocity, acceleration and jerk are 0 there
+
+NANOMETRE = Fraction(1, 10**9)  # m
+MICROSECOND = Fraction(1, 10**6)  # s
+UNIT = 2**30  # of a metre, and of a m/s, ...: fixed-point numbers of the proofs
+
+_FARTHEST = 500 * 10**9  # nm: differences of positions times directions of 20 bits fit 64 bits
+_LONGEST = 3600 * 10**6  # us
+
+Exact = NDArray[np.object_]  # of Python integers or fractions
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A reference from rest to rest; before its start and after its end it stands still.
+
+    Attributes:
+        knots: distinct ones, us, increasing from 0; the curve has one span fewer.
+        points: (spans + 5) control points (x, y, z), nm, world frame; the first four are equal, and the last four.
+
+    Raises:
+        FlatsatError: the knots do not increase from 0, the number of control points is another, one lies farther than
+            500 m from the origin, or the curve does not begin and end at rest.
+    """
+
+    knots: tuple[int, ...]
+    points: tuple[tuple[int, int, int], ...]
+
+    def __post_init__(self) -> None:
+        knots, points = self.knots, self.points
+        increasing = len(knots) > 1 and knots[0] == 0 and all(a < b for a, b in itertools.pairwise(knots))
+        require(increasing, "knots", knots, "us", "two or more, increasing from 0")
+        require(knots[-1] <= _LONGEST, "the last knot", knots[-1], "us", f"at most {_LONGEST} us, an hour")
+        require(
+            len(points) == len(knots) - 1 + DEGREE, "number of control points", len(points), "",
+            f"{len(knots) - 1 + DEGREE}, {DEGREE} more than the curve has spans",
+        )  # fmt: skip
+        farthest = max(abs(value) for point in points for value in point)
+        require(farthest <= _FARTHEST, "a coordinate", farthest, "nm", f"at most {_FARTHEST} nm from 0")
+        for end, ends in (("first", points[:AT_REST]), ("last", points[-AT_REST:])):
+            if len(set(ends)) > 1:
+                raise FlatsatError(f"the {end} {AT_REST} control points differ: must be equal, the curve's rest there")
+
+    @classmethod
+    def rounded(cls, knots: Sequence[int], points: FloatArray) -> Curve:
+        """Return the curve with control points (n, 3), m, rounded to nanometres."""
+        whole = np.rint(points * 1e9).astype(np.int64).tolist()
+        return cls(tuple(knots), tuple((x, y, z) for x, y, z in whole))
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last knot, s."""
+        return float(self.knots[-1] * MICROSECOND)
+
+    def bezier(self, order: int = 0, edges: Sequence[int] | None = None) -> tuple[Exact, Exact]:
+        """Return the exact Bezier control points of a derivative on each interval.
+
+        Args:
+            order: 0 position, 1 velocity, ... 4 snap.
+            edges: (E + 1) us, among them all knots; by default the knots.
+
+        Returns:
+            Integers (E, 6 - order, 3), and what to divide them by to have m, m/s, ...: integers (E,).
+        """
+        edges = self.knots if edges is None else edges
+        weights, divisors, first = self._weights(edges)
+        points = np.array(self.points, dtype=object)
+        values = weights @ points[first[:, np.newaxis] + np.arange(ORDER)]
+        for degree in range(DEGREE, DEGREE - order, -1):
+            values = degree * (values[:, 1:] - values[:, :-1])
+        lengths = np.array([b - a for a, b in itertools.pairwise(edges)], dtype=object)
+        return values * 10 ** (6 * order), divisors * lengths**order * 10**9
+
+    def fixed(self, order: int = 0, edges: Sequence[int] | None = None) -> IntArray:
+        """Return `bezier` as fixed-point numbers (E, 6 - order, 3), UNIT for one m, m/s, ...: off by at most 1/2.
+
+        Raises:
+            FlatsatError: a value is beyond 2^40 of these units; about 1000 m, m/s, ...
+        """
+        values, divisors = self.bezier(order, edges)
+        divisors = divisors[:, np.newaxis, np.newaxis]
+        rounded = (2 * UNIT * values + divisors) // (2 * divisors)
+        largest = max(map(abs, rounded.ravel()))
+        if largest >= 2**40:
+            names = ("position", "velocity", "acceleration", "jerk", "snap")
+            raise refusal(f"{names[order]} of a control point", largest / UNIT, "in SI units", "below 1024")
+        return np.asarray(rounded, dtype=np.int64)
+
+    def trajectory(self, yaw: float = 0.0) -> Trajectory:
+        """Return what the controller follows: the same polynomials, in floats, from time 0 on."""
+        values, divisors = self.bezier()
+        points = (values / divisors[:, np.newaxis, np.newaxis]).astype(np.float64)
+        times = np.array(self.knots) / 1e6
+        coefficients = np.zeros((len(times) - 1, SIZE, 3))
+        for power in range(ORDER):
+            leading = math.comb(DEGREE, power) * points[:, 0]
+            coefficients[:, power] = leading / np.diff(times)[:, np.newaxis] ** power
+            points = np.diff(points, axis=1)
+        return Trajectory(times, coefficients, yaw)
+
+    def _weights(self, edges: Sequence[int]) -> tuple[Exact, Exact, IntArray]:
+        """Return integers (E, 6, 6), what to divide them by (E,), and the first control point (E,) they belong to."""
+        padded = (0,) * (DEGREE - 1) + self.knots + (self.knots[-1],) * (DEGREE - 1)
+        spans = np.searchsorted(self.knots, edges[:-1], side="right") - 1
+        known: dict[tuple[int, ...], int] = {}
+        numbers = []
+        for span, left, right in zip(spans.tolist(), edges, edges[1:], strict=False):
+            if left >= self.knots[-1]:  # it stands at its last control point
+                local: tuple[int, ...] = ()
+            else:
+                local = tuple(knot - left for knot in (*padded[span : span + 2 * DEGREE], right))
+                scale = math.gcd(*local)
+                local = tuple(knot // scale for knot in local)
+            numbers.append(known.setdefault(local, len(known)))
+        table = [_exact_weights(local) for local in known]
+        weights = np.array([table[number][0] for number in numbers], dtype=object)
+        divisors = np.array([table[number][1] for number in numbers], dtype=object)
+        return weights, divisors, np.minimum(spans, len(self.knots) - 2)
+
+
+def local_knots(knots: FloatArray) -> FloatArray:
+    """Return the ten knots (M, 10) that the polynomial of each span depends on, of the clamped knots (M + 1,)."""
+    padded = np.concatenate([np.repeat(knots[:1], DEGREE - 1), knots, np.repeat(knots[-1:], DEGREE - 1)])
+    return np.asarray(padded[np.arange(len(knots) - 1)[:, np.newaxis] + np.arange(2 * DEGREE)])
+
+
+def bezier_weights(local: Any, left: Any, right: Any) -> Any:
+    """Return the matrices that take six control points of a B-spline to Bezier control points on intervals.
+
+    The k-th Bezier point is the polynomial's blossom at (5 - k) times the left end and k times the right end, by de
+    Boor's recursion with another argument at each level.
+
+    Args:
+        local: (E, 10) knots around the span of each interval; floats or fractions.
+        left: (E,) where the interval begins.
+        right: (E,) where it ends.
+
+    Returns:
+        (E, 6, 6) of the same type.
+    """
+    ends = np.where(np.arange(1, ORDER) <= DEGREE - np.arange(ORDER)[:, np.newaxis], 0, 1)  # (6, 5): which end
+    arguments = np.stack([left, right], axis=-1)[:, ends]
+    weights = np.broadcast_to(np.eye(ORDER, dtype=int).astype(local.dtype), (len(local), ORDER, ORDER, ORDER))
+    for level in range(1, ORDER):
+        low, high = local[:, np.newaxis, level - 1 : DEGREE], local[:, np.newaxis, DEGREE : ORDER + DEGREE - level]
+        share = (arguments[:, :, level - 1, np.newaxis] - low) / (high - low)
+        weights = weights[:, :, :-1] + share[..., np.newaxis] * (weights[:, :, 1:] - weights[:, :, :-1])
+    return weights[:, :, 0]
+
+
+@lru_cache(maxsize=10_000)  # derivatives and drones share their knots
+def _exact_weights(local: tuple[int, ...]) -> tuple[Exact, int]:
+    """Return integers (6, 6) and their common divisor, for ten knots and the right end, relative to the left end."""
+    if not local:
+        rest = np.zeros((ORDER, ORDER), dtype=object)
+        rest[:, -1] = 1
+        return rest, 1
+    *knots, right = (Fraction(value) for value in local)
+    ends = np.array([Fraction(0)], dtype=object), np.array([right], dtype=object)
+    weights = bezier_weights(np.array([knots], dtype=object), *ends)[0]
+    divisor = math.lcm(*(Fraction(value).denominator for value in weights.ravel()))
+    return np.array([[int(value * divisor) for value in row] for row in weights], dtype=object), divisor

@@ -1,0 +1,141 @@
+"""One drone of a plan: its reference, the way-points that it passes, and how much room the drone takes around it."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+from flatsat_ros.base.errors import (
+    FlatsatError,
+    quoted,
+    refusal,
+    require,
+    require_fields,
+    require_not_negative,
+    require_number,
+    require_positive,
+)
+from flatsat_ros.base.strict_yaml import section
+from flatsat_ros.plans import tables
+from flatsat_ros.plans.curve import NANOMETRE, Curve
+
+_MET = 1000  # nm: how exactly way-points are met
+_ROWS_MAX = 10_000
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
+_DRONE = ("body", "tube", "yaw", "knots", "control_points", "waypoints")
+_TUBE = ("source", "radius")
+
+
+class Waypoint(NamedTuple):
+    """A place that a reference passes: time, us, a knot; x, y, z, nm, world frame."""
+
+    time: int
+    x: int
+    y: int
+    z: int
+
+
+@dataclass(frozen=True)
+class Tube:
+    """How far a drone may be off its reference.
+
+    Attributes:
+        radius: m, in the downwash metric.
+        source: what says so; "given": the user does, and nothing proves it. A certificate's tube will be another.
+    """
+
+    radius: float
+    source: str = "given"
+
+    def __post_init__(self) -> None:
+        require_fields(self, require_not_negative, radius="m")
+        require(self.source == "given", "source of a tube", self.source, "", "'given'")
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedDrone:
+    """One drone of a plan.
+
+    Attributes:
+        name: the robot's.
+        curve: its reference.
+        body: radius, m, in the downwash metric.
+        tube: how far it may be off.
+        yaw: held, rad, counter-clockwise.
+        waypoints: what the reference passes on time, start and goal among them.
+    """
+
+    name: str
+    curve: Curve
+    body: float
+    tube: Tube
+    yaw: float = 0.0
+    waypoints: tuple[Waypoint, ...] = ()
+
+    def __post_init__(self) -> None:
+        require(_NAME.fullmatch(self.name) is not None, "name of a drone", self.name, "", "letters, digits, _")
+        require_fields(self, require_positive, body="m")
+        require_fields(self, require_number, yaw="rad")
+
+    @property
+    def radius(self) -> Fraction:
+        """What others keep away from its reference by, m: body and tube."""
+        return Fraction(self.body) + Fraction(self.tube.radius)
+
+    def require_met(self) -> None:
+        """Refuse a way-point that the reference does not pass, on time, to 1 um.
+
+        Raises:
+            FlatsatError: there is one.
+        """
+        if not self.waypoints:
+            return
+        values, divisors = self.curve.bezier()
+        ends = [*values[:, 0], values[-1, -1]], [*divisors, divisors[-1]]
+        knots = {knot: (point, divisor) for knot, point, divisor in zip(self.curve.knots, *ends, strict=True)}
+        for time, *place in self.waypoints:
+            if time not in knots:
+                raise refusal(f"{self.name}: time of a way-point", time / 1e6, "s", "one of the knots")
+            point, divisor = knots[time]
+            # of metres, so that nanometres are their 1e-9
+            offset = sum(
+                (Fraction(int(value), int(divisor)) / NANOMETRE - goal) ** 2
+                for value, goal in zip(point, place, strict=True)
+            )
+            if offset > _MET**2:
+                what = f"{self.name}: distance from its way-point at t = {time / 1e6:.4f} s"
+                raise refusal(what, math.sqrt(offset) * 1e-9, "m", f"at most {_MET * 1e-9:g} m")
+
+    @classmethod
+    def from_document(cls, name: str, document: object) -> PlannedDrone:
+        """Build one drone from its part of the document."""
+        try:
+            values = section("the drone", document, _DRONE)
+            knots, points, waypoints = (
+                tables.read(key, values[key], digits, _ROWS_MAX)
+                for key, digits in (("knots", (6,)), ("control_points", (9, 9, 9)), ("waypoints", (6, 9, 9, 9)))
+            )
+            return cls(
+                name=name,
+                curve=Curve(tuple(row[0] for row in knots), tuple(points)),  # type: ignore[misc, arg-type]
+                body=values["body"],
+                tube=Tube(**section("tube", values["tube"], _TUBE)),
+                yaw=values["yaw"],
+                waypoints=tuple(Waypoint(*row) for row in waypoints),  # type: ignore[arg-type]
+            )
+        except FlatsatError as error:
+            raise FlatsatError(f"drone {quoted(name)}: {error}") from error
+
+    def to_document(self) -> dict[str, Any]:
+        """Return the drone's part of the document."""
+        return {
+            "body": self.body,
+            "tube": {"source": self.tube.source, "radius": self.tube.radius},
+            "yaw": self.yaw,
+            "knots": tables.written([(knot,) for knot in self.curve.knots], (6,)),
+            "control_points": tables.written(self.curve.points, (9, 9, 9)),
+            "waypoints": tables.written(self.waypoints, (6, 9, 9, 9)),
+        }

@@ -1,0 +1,294 @@
+"""The plan: references of one or many drones, and what is proved about them, in one file.
+
+Planning writes it; `Plan.verify` proves it again with integers, without a solver, and whoever flies it loads nothing
+unverified. Drones keep apart by their bodies and their tubes, the distances that they may be off their references: if
+each drone is inside its tube, what is proved for references holds for drones.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from flatsat_ros.base.errors import FlatsatError, refusal, require, require_fields, require_not_negative, require_number
+from flatsat_ros.base.files import located
+from flatsat_ros.base.strict_yaml import read_yaml, section, write_yaml
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.flight.trajectory import Trajectory
+from flatsat_ros.law.input_set import InputSet
+from flatsat_ros.plans import tables
+from flatsat_ros.plans.bounds import Bounds
+from flatsat_ros.plans.curve import NANOMETRE, UNIT
+from flatsat_ros.plans.drone import PlannedDrone
+from flatsat_ros.plans.separation import closest, pairs_of
+
+FORMAT = 1
+BYTES_MAX = 1024 * 1024  # a hundred drones with their pairs have 400 KB
+DRONES_MAX = 150
+
+_TABLE_MAX = DRONES_MAX * DRONES_MAX  # lines
+_DISTANCE_STEP = 10**5  # nm: distances are stated in tenths of a millimetre, rounded down
+
+_HEADER = """\
+# A flatsat_ros plan: references for drones, and what is proved about them. `plan --verify` proves it again.
+# limits: the input set that it was made for; thrust m/s^2, tilt rad, gravity m/s^2
+# bounds: margin of accelerations to that set m/s^2, jerk m/s^3, snap m/s^4, speed m/s (null: not bounded), and the
+#   box of the references, m, world frame
+# downwash: distances are |(dx, dy, dz / downwash)|; clearance m: kept beside bodies and tubes
+# drones: body and tube are radii, m; a tube is how far the drone may be off its reference. Source "given": the user
+#   stated the radius, nothing proves it. Knots in s and control points x y z in m of a B-spline of degree 5 (each knot
+#   once; those at the ends count six times); way-points t x y z in s and m
+# pairs: two drones, the distance in m that they always keep, and from when to when (s) they are nearest
+"""
+
+_ROOT = (
+    "flatsat_plan", "name", "certificate", "limits", "bounds", "downwash", "clearance", "drones", "pairs", "provenance",
+    "hash",
+)  # fmt: skip
+_LIMITS = ("thrust_max", "tilt_max", "gravity", "thrust_min")
+_BOUNDS = ("margin", "jerk_max", "snap_max", "speed_max", "lower", "upper")
+
+
+def _require_downwash(name: str, value: object, unit: str) -> float:
+    return require_number(name, value, unit, 0.1, 10.0)
+
+
+class Pair(NamedTuple):
+    """Two drones.
+
+    Attributes:
+        first, second: their names.
+        distance: 1e-4 m; their references keep it always, in the downwash metric.
+        start, end: us, an interval in which they are nearest.
+    """
+
+    first: str
+    second: str
+    distance: int
+    start: int
+    end: int
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """References that are proved to keep their limits and to keep apart.
+
+    Attributes:
+        name: what the user calls it.
+        certificate: name of the certificate it was made for.
+        limits: that certificate's input set.
+        bounds: what each reference keeps.
+        drones: in the order of the file.
+        pairs: each two of the drones, in that order.
+        downwash: how many times as far drones keep apart along the vertical.
+        clearance: kept beside bodies and tubes, m.
+        provenance: how it was made; nothing reads it but people.
+
+    Raises:
+        FlatsatError: a value does not fit the others. What is claimed is checked by `verify`.
+    """
+
+    name: str
+    certificate: str
+    limits: InputSet
+    bounds: Bounds
+    drones: tuple[PlannedDrone, ...]
+    pairs: tuple[Pair, ...]
+    downwash: float = 2.0
+    clearance: float = 0.0
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        require_fields(self, _require_downwash, downwash="")
+        require_fields(self, require_not_negative, clearance="m")
+        names = [drone.name for drone in self.drones]
+        require(1 <= len(names) <= DRONES_MAX, "number of drones", len(names), "", f"from 1 to {DRONES_MAX}")
+        require(len(set(names)) == len(names), "names of the drones", names, "", "different")
+        first, second = pairs_of(len(names))
+        expected = [(names[i], names[j]) for i, j in zip(first, second, strict=True)]
+        if [pair[:2] for pair in self.pairs] != expected:
+            raise FlatsatError(f"pairs: must be each two of the {len(names)} drones once, in their order")
+
+    @classmethod
+    def of(cls, drones: Sequence[PlannedDrone], *, downwash: float = 2.0, **others: Any) -> Plan:
+        """Return a plan with the distances that can be certified; whether they are enough is for `verify` to say.
+
+        Args:
+            drones: of the plan.
+            downwash: as in the plan.
+            others: what else a plan has.
+        """
+        names = [drone.name for drone in drones]
+        found = closest([drone.curve for drone in drones], downwash)
+        pairs = [
+            Pair(
+                names[i], names[j], int(distance / UNIT / (_DISTANCE_STEP * NANOMETRE)),
+                math.floor(start * 1e6), math.ceil(end * 1e6),
+            )
+            for i, j, distance, start, end in zip(
+                *(values.tolist() for values in (found.first, found.second, found.distance, found.start, found.end)),
+                strict=True,
+            )
+        ]  # fmt: skip
+        return cls(drones=tuple(drones), pairs=tuple(pairs), downwash=downwash, **others)
+
+    @property
+    def duration(self) -> float:
+        """Of the longest reference, s."""
+        return max(drone.curve.duration for drone in self.drones)
+
+    def trajectory(self, name: str) -> Trajectory:
+        """Return the reference of a drone, from time 0 on.
+
+        Raises:
+            FlatsatError: no drone of the plan has that name.
+        """
+        for drone in self.drones:
+            if drone.name == name:
+                return drone.curve.trajectory(drone.yaw)
+        raise refusal("drone", name, "", f"one of {', '.join(drone.name for drone in self.drones)}")
+
+    def required(self, first: PlannedDrone, second: PlannedDrone) -> Fraction:
+        """Return the distance that two drones must keep, m: both bodies, both tubes and the clearance."""
+        return first.radius + second.radius + Fraction(self.clearance)
+
+    def verify(self) -> dict[str, float]:
+        """Prove every claim with integers; floating-point numbers only propose separating directions.
+
+        Returns:
+            What is left of each claim, in its unit, at least 0: how far a limit is away from the worst control point,
+            and by how much the stated distance of a pair is above what it must keep.
+
+        Raises:
+            FlatsatError: a claim does not hold; the text names drone or pair, time, limit and by how much.
+        """
+        self.bounds.within(self.limits)
+        slacks: dict[str, float] = {}
+        for drone in self.drones:
+            drone.require_met()
+            for claim in self.bounds.claims(drone.curve, self.limits):
+                what = f"{drone.name}: {claim.name}"
+                if claim.slack < 0.0:
+                    raise FlatsatError(
+                        f"plan {self.name!r}: '{what}' fails by {-claim.slack:.6g} {claim.unit} in the span from "
+                        f"t = {claim.time:.4f} s on: must hold"
+                    )
+                slacks[f"{what} ({claim.unit})"] = claim.slack
+        return slacks | self._separation()
+
+    def _separation(self) -> dict[str, float]:
+        """Prove the stated distances, and that they are enough."""
+        unit = _DISTANCE_STEP * NANOMETRE
+        stated = np.array([math.ceil(pair.distance * unit * UNIT) for pair in self.pairs], dtype=np.int64)
+        found = closest([drone.curve for drone in self.drones], self.downwash, stated)
+        slacks = {}
+        for number, pair in enumerate(self.pairs):
+            first, second = (self.drones[int(side[number])] for side in (found.first, found.second))
+            distance, required = pair.distance * unit, self.required(first, second)
+            what = f"plan {self.name!r}: '{pair.first}, {pair.second}: distance'"
+            if found.distance[number] < stated[number]:
+                raise FlatsatError(
+                    f"{what} is {found.distance[number] / UNIT:.6g} m at t = {found.start[number]:.4f} s: must be "
+                    f"{float(distance):.4f} m as stated"
+                )
+            if distance < required:
+                raise FlatsatError(
+                    f"{what} is {float(distance):.4f} m at t = {pair.start / 1e6:.4f} s: must be "
+                    f"{float(required):.6g} m, both bodies and tubes"
+                )
+            slacks[f"{pair.first}, {pair.second}: distance (m)"] = float(distance - required)
+        return slacks
+
+    def require_made_for(self, certificate: Certificate) -> None:
+        """Refuse a certificate whose input set is another than that the plan was made for.
+
+        Raises:
+            FlatsatError: it is; the text names what differs.
+        """
+        for name in _LIMITS:
+            ours, theirs = getattr(self.limits, name), getattr(certificate.limits, name)
+            if ours != theirs:
+                valid = f"{ours!r} as in the plan {self.name!r}, which was made for {self.certificate!r}"
+                raise refusal(f"{name} of certificate {certificate.name!r}", theirs, "", valid)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Plan:
+        """Read a plan and verify it.
+
+        Raises:
+            FlatsatError: the file cannot be read or is not exactly of its form, its hash is not that of its content, or
+                a claim does not hold.
+        """
+        document = read_yaml(path, BYTES_MAX)
+        try:
+            plan = cls.from_document(document)
+            plan.verify()
+        except FlatsatError as error:
+            raise located(path, error) from error
+        return plan
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Verify and write the plan; the file is replaced in one step.
+
+        Raises:
+            FlatsatError: a claim does not hold, or the file cannot be written.
+        """
+        self.verify()
+        write_yaml(path, self.to_document(), _HEADER)
+
+    @classmethod
+    def from_document(cls, document: object) -> Plan:
+        """Build a plan from the parsed YAML document, refusing whatever is not exactly its form."""
+        root = section("the plan", document, _ROOT)
+        if root["flatsat_plan"] != FORMAT or isinstance(root["flatsat_plan"], bool):
+            raise refusal("flatsat_plan", root["flatsat_plan"], "", f"{FORMAT}, what this version reads")
+        for key in ("name", "certificate"):
+            require(isinstance(root[key], str) and bool(root[key]), key, root[key], "", "a non-empty string")
+        require(isinstance(root["provenance"], dict), "provenance", root["provenance"], "", "a mapping")
+        if root["hash"] != (digest := _digest(root)):
+            raise refusal("hash", root["hash"], "", f"{digest}, that of the content, which was changed")
+        if not isinstance(root["drones"], dict):
+            raise refusal("drones", root["drones"], "", "a mapping from names to drones")
+        rows = tables.read("pairs", root["pairs"], (None, None, 4, 6, 6), _TABLE_MAX)
+        return cls(
+            name=root["name"],
+            certificate=root["certificate"],
+            limits=InputSet(**section("limits", root["limits"], _LIMITS)),
+            bounds=Bounds(**section("bounds", root["bounds"], _BOUNDS)),
+            drones=tuple(PlannedDrone.from_document(name, section) for name, section in root["drones"].items()),
+            pairs=tuple(Pair(*row) for row in rows),  # type: ignore[arg-type]
+            downwash=root["downwash"],
+            clearance=root["clearance"],
+            provenance=root["provenance"],
+        )
+
+    def to_document(self) -> dict[str, Any]:
+        """Return the plan as plain mappings, lists, text and numbers, the form of the YAML file."""
+        bounds = {name: getattr(self.bounds, name) for name in _BOUNDS}
+        document = {
+            "flatsat_plan": FORMAT,
+            "name": self.name,
+            "certificate": self.certificate,
+            "limits": {name: getattr(self.limits, name) for name in _LIMITS},
+            "bounds": bounds | {"lower": self.bounds.lower.tolist(), "upper": self.bounds.upper.tolist()},
+            "downwash": self.downwash,
+            "clearance": self.clearance,
+            "drones": {drone.name: drone.to_document() for drone in self.drones},
+            "pairs": tables.written(self.pairs, (None, None, 4, 6, 6)),
+            "provenance": dict(self.provenance),
+        }  # fmt: skip
+        return document | {"hash": _digest(document)}
+
+
+def _digest(document: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of a document but for its hash."""
+    content = {key: value for key, value in document.items() if key != "hash"}
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
