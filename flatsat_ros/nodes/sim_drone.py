@@ -69,6 +69,8 @@ class SimDrone(ProgramNode):
         self._pose = messages.pose_message()
         self._pose_publishers: list[Publisher] = []
         self._battery_publishers: list[Publisher] = []
+        self._status = crazyswarm.status_topic()
+        self._status_publishers: list[Publisher] = []
         for index, robot in enumerate(self.robots):
             self._connect(index, robot)
             self._serve(index, robot)
@@ -153,6 +155,8 @@ class SimDrone(ProgramNode):
         self._pose_publishers.append(self.create_publisher(pose.kind, pose.of(robot), pose.publish))
         battery = interfaces.BATTERY
         self._battery_publishers.append(self.create_publisher(battery.kind, battery.of(robot), battery.publish))
+        if status := self._status:
+            self._status_publishers.append(self.create_publisher(status.kind, status.of(robot), status.publish))
         self.create_subscription(command.kind, command.of(robot), partial(self._on_command, index), command.subscribe)
 
     def _serve(self, index: int, robot: str) -> None:
@@ -227,10 +231,17 @@ class SimDrone(ProgramNode):
                 self._pose_publishers[members[sample.drone]].publish(self._pose)
 
     def _publish_batteries(self) -> None:
+        """Publish the batteries of the drones that are switched on, and their status where its type is installed."""
         now = self.get_clock().now().nanoseconds
-        for (fleet, number), publisher in zip(self._drones, self._battery_publishers, strict=True):
-            if fleet.firmware.powered[number]:
-                publisher.publish(messages.battery_message(now, float(fleet.power.voltage[number])))
+        for index, (fleet, number) in enumerate(self._drones):
+            if not fleet.firmware.powered[number]:
+                continue
+            voltage = float(fleet.power.voltage[number])
+            self._battery_publishers[index].publish(messages.battery_message(now, voltage))
+            if self._status is not None:
+                info, low = int(fleet.firmware.info()[number]), bool(fleet.firmware.battery_low[number])
+                status = messages.status_message(self._status.kind, now, self.robots[index], voltage, info, low)
+                self._status_publishers[index].publish(status)
 
     def _report(self, _now: int) -> list[Report]:
         """Return how every drone is."""

@@ -13,6 +13,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS
+from flatsat_ros.nodes import crazyswarm
 from flatsat_ros.nodes.ros import interfaces
 
 if TYPE_CHECKING:
@@ -115,3 +116,20 @@ def test_after_a_landing_the_drones_own_commander_may_take_off(lab: Lab) -> None
     lab.listen(0.5)
     lab.ask(services.Takeoff, "cf1/takeoff", height=0.5, duration=Duration(sec=2))
     lab.wait_for_flight("cf1", poses, (0.0, 0.0, 0.5), 0.1)
+
+
+def test_a_drones_status_tells_of_its_battery(lab: Lab) -> None:
+    topic = crazyswarm.status_topic()
+    assert topic is not None
+    lab.fly("cf1")
+    lab.publish(topic, "cf1", topic.kind(battery_voltage=3.1))
+    takeoff = interfaces.service_of("cf1", "takeoff")
+    refused = "cf1: takeoff refused: battery = 3.10 V: must be above 3.3 V"
+    lab.wait(lambda: refused in lab.ask(Trigger, takeoff).message, "the status to arrive")
+    told = lab.watch(topic, "cf1")
+    lab.start("sim_drone", robot_names=["cf1"], battery_voltage=3.15)
+    lab.wait(lambda: told and told[-1].pm_state == topic.kind.PM_STATE_LOW_POWER, "the firmware's own warning")
+    assert told[0].pm_state == topic.kind.PM_STATE_BATTERY
+    assert told[-1].header.frame_id == "cf1"
+    assert told[-1].battery_voltage == pytest.approx(3.15)
+    assert "battery = 3.15 V" in lab.ask(Trigger, takeoff).message

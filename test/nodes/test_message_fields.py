@@ -24,8 +24,8 @@ KINDS = [
     ParameterDescriptor,
     SetParametersResult,
 ]
-# of crazyflie_interfaces' requests, which is not installed everywhere
-CRAZYFLIE_FIELDS = {"arm", "height", "duration", "goal", "yaw", "relative"}
+# of crazyflie_interfaces' requests and status, which is not installed everywhere
+CRAZYFLIE_FIELDS = {"arm", "height", "duration", "goal", "yaw", "relative", "battery_voltage", "pm_state"}
 # Fields whose names our own classes, enumerations and rclpy's parameters use as well. They count where they are taken
 # from something that is called what messages are called.
 SHARED = {

@@ -176,6 +176,23 @@ def battery_message(nanoseconds: int, voltage: float) -> BatteryState:
     return message
 
 
+def status_message(kind: type[Any], nanoseconds: int, robot: str, voltage: float, info: int, low: bool) -> Any:
+    """Return crazyflie_interfaces' Status as crazyswarm2's server fills it; nothing is known of the radio.
+
+    Args:
+        kind: crazyflie_interfaces' Status.
+        nanoseconds: its stamp, ns.
+        robot: its name.
+        voltage: of the battery, V.
+        info: flags of the firmware's supervisor.
+        low: the firmware takes the battery for low.
+    """
+    state = kind.PM_STATE_LOW_POWER if low else kind.PM_STATE_BATTERY
+    message = kind(supervisor_info=info, battery_voltage=voltage, pm_state=state)
+    message.header.stamp, message.header.frame_id = stamp_from_nanoseconds(nanoseconds), robot
+    return message
+
+
 def voltage_from_message(message: Any) -> float:
     """Return the voltage, V, that sensor_msgs' BatteryState or crazyflie_interfaces' Status tells."""
     return float(message.voltage if isinstance(message, BatteryState) else message.battery_voltage)
