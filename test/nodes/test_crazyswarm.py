@@ -122,10 +122,14 @@ def test_a_drones_status_tells_of_its_battery(lab: Lab) -> None:
     topic = crazyswarm.status_topic()
     assert topic is not None
     lab.fly("cf1")
-    lab.publish(topic, "cf1", topic.kind(battery_voltage=3.1))
     takeoff = interfaces.service_of("cf1", "takeoff")
-    refused = "cf1: takeoff refused: battery = 3.10 V: must be above 3.3 V"
-    lab.wait(lambda: refused in lab.ask(Trigger, takeoff).message, "the status to arrive")
+
+    def is_told() -> bool:
+        lab.publish(topic, "cf1", topic.kind(battery_voltage=3.1))
+        lab.listen(0.2)
+        return "cf1: takeoff refused: battery = 3.10 V: must be above 3.3 V" in lab.ask(Trigger, takeoff).message
+
+    lab.wait(is_told, "the status to arrive")
     told = lab.watch(topic, "cf1")
     lab.start("sim_drone", robot_names=["cf1"], battery_voltage=3.15)
     lab.wait(lambda: told and told[-1].pm_state == topic.kind.PM_STATE_LOW_POWER, "the firmware's own warning")
