@@ -24,7 +24,7 @@ setup(
     maintainer_email="developers@flatsat-ros.example.org",
     license="Apache-2.0",
     packages=find_packages(exclude=["test", "test.*"]),
-    package_data={PACKAGE: ["py.typed"]},
+    package_data={PACKAGE: ["py.typed", "viewing/page/*", "viewing/page/vendor/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (str(SHARE), ["package.xml"]),
@@ -51,6 +51,7 @@ setup(
             "reproduce = flatsat_ros.cli.reproduce:main",
             "falsify = flatsat_ros.cli.falsify:main",
             "faults = flatsat_ros.cli.faults:main",
+            "report = flatsat_ros.cli.report:main",
         ],
     },
 )

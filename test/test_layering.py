@@ -46,12 +46,13 @@ ROOMS = {
     "synthesis": _room(f"{_PROOFS} flight planning", libraries="numpy scipy clarabel cvxpy matplotlib tqdm"),
     "identification": _room("base flight", libraries="numpy"),
     "sim": _room(_FLOWN, libraries="numpy"),
-    "nodes": _room(f"{_FLOWN} identification sim", libraries=None),
+    "viewing": _room(f"{_FLOWN}", libraries="numpy rosbags"),
+    "nodes": _room(f"{_FLOWN} identification sim viewing", libraries=None),
     "demo": _room(f"{_FLOWN} planning synthesis sim nodes", libraries="numpy matplotlib tqdm"),
     "falsification": _room(f"{_FLOWN} planning synthesis sim nodes demo", libraries="numpy tqdm"),
     "paper": _room(f"{_FLOWN} planning synthesis sim falsification demo", libraries="numpy matplotlib tqdm"),
     "cli": _room(
-        f"{_FLOWN} plans planning synthesis sim falsification demo paper",
+        f"{_FLOWN} plans planning synthesis sim viewing falsification demo paper",
         libraries="numpy scipy matplotlib rosbags tqdm",
     ),
     "__init__": _room(f"{_FLOWN} plans planning sim"),  # by name only: importing the package imports no room

@@ -67,6 +67,20 @@ def check_regular(path: str | os.PathLike[str], bytes_max: int = sys.maxsize) ->
     check_size(path, status.st_size, bytes_max)
 
 
+def check_folder(path: str | os.PathLike[str]) -> None:
+    """Refuse a folder with a device, pipe or socket in it, or one that cannot be listed.
+
+    Raises:
+        FlatsatError: names the path.
+    """
+    try:
+        files = [file for file in Path(path).iterdir() if not file.is_dir()]
+    except OSError as error:
+        raise unreadable(path, error) from error
+    for file in files:
+        check_regular(file)
+
+
 def check_size(path: str | os.PathLike[str], size: int, bytes_max: int) -> None:
     """Refuse a file of more than bytes_max bytes.
 

@@ -40,13 +40,18 @@ def _parser() -> shell.Parser:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from flatsat_ros.base.files import write_text
     from flatsat_ros.demo import headless, live, pictures, record
     from flatsat_ros.demo.scenario import DISTURBANCE_MAX, plan
+    from flatsat_ros.flight.policy import Policy
+    from flatsat_ros.viewing.bag import read_flight
+    from flatsat_ros.viewing.page import report
+    from flatsat_ros.viewing.recorder import Recorder, setup_of
 
     folder: Path = arguments.output
     if not arguments.headless:
         live.require_ros()
-    shell.require_folder(folder, [record.SUMMARY, *pictures.FILES])
+    shell.require_folder(folder, [record.SUMMARY, record.REPORT, *pictures.FILES])
     scenario = plan(
         folder,
         arguments.robots,
@@ -55,13 +60,21 @@ def _run(arguments: argparse.Namespace) -> int:
         arguments.dynamics,
         DISTURBANCE_MAX if arguments.offset_free else 0.0,
     )
-    flown = headless.fly(scenario) if arguments.headless else live.fly(scenario, folder)
+    if arguments.headless:
+        recorder = Recorder(scenario.robots, setup_of(scenario.certificate, Policy()))
+        flown = headless.fly(scenario, recorder.observe)
+        shown = recorder.flight("Swap on simulated time")
+    else:
+        flown = live.fly(scenario, folder)
+        shown = read_flight(folder / live.BAG)
     summary = flown.summary()
     print(record.table(summary, flown.limits))
     written = [record.write(summary, folder), *pictures.draw(flown, folder)]
     if not arguments.headless:
         written.append(folder / live.BAG)
+    write_text(folder / record.REPORT, report(shown))
     print("wrote " + ", ".join(os.fspath(path) for path in written))
+    print(f"to see the flight, open in a browser: {os.fspath(folder / record.REPORT)}")
     broken = record.failures(summary)
     for sentence in broken:
         print(f"FAILED: {sentence}", file=sys.stderr)

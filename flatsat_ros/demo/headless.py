@@ -19,18 +19,23 @@ from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
+from flatsat_ros.sim.closed_loop import Observer
 from flatsat_ros.sim.closed_loop import fly as fly_simulated
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.sensor import MotionCapture, Sample
 
 
-def fly(scenario: Scenario) -> FlightRecord:
+def fly(scenario: Scenario, observe: Observer | None = None) -> FlightRecord:
     """Fly on simulated time in this process.
+
+    Args:
+        scenario: what is flown.
+        observe: if given, is called at every tick as `flatsat_ros.fly` does.
 
     Raises:
         FlatsatError: a drone did not take off, or did not arrive at its first way-point.
     """
-    stage = _Simulation(scenario)
+    stage = _Simulation(scenario, observe)
     start = perform(scenario, stage)
     robots = {
         name: RobotRecord(
@@ -53,10 +58,10 @@ class _Simulation(Stage):
         commands: for each drone so far: time s, T m/s^2, phi, theta rad, yaw rate rad/s.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, observe: Observer | None) -> None:
         super().__init__()
         count, certificate = len(scenario.robots), scenario.certificate
-        self._scenario = scenario
+        self._scenario, self._observer = scenario, observe
         self._vehicle = load_vehicle(VEHICLE)
         tuning = Tuning(MU, V_INF, GAMMA_0, certificate.gain_max, restart=False)
         self._pilot = Pilot(
@@ -85,6 +90,8 @@ class _Simulation(Stage):
         fly_simulated(self._pilot, self._fleet, self._vehicle, self.now(), self._observe, start=now)
 
     def _observe(self, now: float, samples: list[Sample], tick: Tick, sent: dict[int, WireSetpoint]) -> None:
+        if self._observer is not None:
+            self._observer(now, samples, tick, sent)
         for sample in samples:
             self.poses[sample.drone].append([sample.stamp, *sample.position])
         for i, row in enumerate(telemetry.rows(tick)):

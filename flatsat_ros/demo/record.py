@@ -22,6 +22,7 @@ PAPER_RMS = (0.0703, 0.0826, 0.0602)
 RMS_LIMIT = 0.10  # m, what the demo promises
 _FLOOR = 0.05  # m, around z = 0, where a drone that landed stands
 SUMMARY = "summary.json"
+REPORT = "report.html"
 # degrees and PWM on the wire cost a few units in the last place
 _ROUNDING = 1e-9
 

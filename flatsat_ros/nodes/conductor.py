@@ -73,17 +73,20 @@ class Conductor(Node):
         }
         for robot in robots:
             for topic in _RECORDED:
-                self.record(topic, robot)
+                self.record(topic, topic.of(robot))
+        self.record(interfaces.SETUP, interfaces.SETUP.suffix)
+        # loggers are named after their nodes, with dots: of others in this domain nothing is kept
+        self.record(interfaces.LOG, interfaces.LOG.suffix, f"{namespace.strip('/')}.".encode())
 
-    def record(self, topic: Topic, robot: str) -> None:
-        """Record the messages of one topic of a robot."""
-        name = topic.of(robot)
-        full_name = f"{self.get_namespace()}/{name}"
+    def record(self, topic: Topic, name: str, mark: bytes = b"") -> None:
+        """Record the messages of a topic, by its name; of those that contain a mark, if one is given."""
+        full_name = self.resolve_topic_name(name)
         full_kind = f"{topic.kind.__module__.split('.')[0]}/msg/{topic.kind.__name__}"
 
         def keep(data: bytes) -> None:
-            self.recorded.append(Recorded(self.now(), full_name, full_kind, data))
-            self._newest[name] = data
+            if mark in data:
+                self.recorded.append(Recorded(self.now(), full_name, full_kind, data))
+                self._newest[name] = data
 
         self.create_subscription(topic.kind, name, keep, topic.subscribe, raw=True)
 

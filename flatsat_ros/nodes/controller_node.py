@@ -47,6 +47,7 @@ from flatsat_ros.nodes.ros.parameters import (
     require_known_parameters,
 )
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
+from flatsat_ros.nodes.setup_report import SetupReport
 from flatsat_ros.nodes.tuning import TuningParameters
 
 # how often services of the drones' links and rivals are looked for, s
@@ -96,6 +97,7 @@ class ControllerNode(ProgramNode):
         require_known_parameters(self)
         self._pilot = Pilot(self._certificate, tuning.tuning(), policy, len(self.robots))
         tuning.follow(self._pilot.retune)
+        SetupReport(self, self._certificate, policy)
 
         count = len(self.robots)
         self._stamps = StampClock(count, lambda: self.get_clock().now().nanoseconds, time.monotonic_ns)

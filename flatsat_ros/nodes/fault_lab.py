@@ -34,7 +34,7 @@ class FaultLab(Conductor):
         super().__init__(robots, namespace, executor, deliver_signals)
         for robot in robots:
             for topic in (interfaces.POSE, interfaces.COMMAND):
-                self.record(topic, f"{UPSTREAM}/{robot}")
+                self.record(topic, topic.of(f"{UPSTREAM}/{robot}"))
         asked = [interfaces.service_of(robot, "land") for robot in robots]
         asked += [
             interfaces.drone_service_of(f"{UPSTREAM}/{robot}", name)

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from flatsat_ros.base.errors import FlatsatError, one_line, refusal
-from flatsat_ros.base.files import check_regular, located, unreadable, unwritable
-from flatsat_ros.base.strict_yaml import read_yaml
+from flatsat_ros.base.files import located, unreadable, unwritable
 from flatsat_ros.identification.recording import POSES, Recording
 from flatsat_ros.nodes.ros import cdr, messages
+from flatsat_ros.viewing.bag import check_bag
 
 _KIND = "geometry_msgs/msg/PoseStamped"
 
@@ -35,7 +35,7 @@ def read_bag(path: str, topic: str = "") -> Recording:
         from rosbags.rosbag2 import Reader
     except ImportError as error:
         raise unreadable(path, "a bag needs rosbags, pip install rosbags") from error
-    _check_files(Path(path))
+    check_bag(Path(path))
     try:
         with Reader(Path(path)) as reader:
             topics = {c.topic: c for c in reader.connections if c.msgtype == _KIND}
@@ -58,20 +58,6 @@ def read_bag(path: str, topic: str = "") -> Recording:
         raise located(path, one_line(str(error))) from error
     except Exception as error:  # a damaged bag lets errors of a dozen kinds escape from rosbags and what it stands on
         raise unreadable(path, error) from error
-
-
-def _check_files(path: Path) -> None:
-    """Refuse what rosbags would wait for or choke on: pipes and devices, and metadata that are not strictly YAML."""
-    if not path.is_dir():
-        check_regular(path)
-        return
-    try:
-        files = [file for file in path.iterdir() if not file.is_dir()]
-    except OSError as error:
-        raise unreadable(path, error) from error
-    for file in files:
-        check_regular(file)
-    read_yaml(path / "metadata.yaml")
 
 
 @dataclass(frozen=True)

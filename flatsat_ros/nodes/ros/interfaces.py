@@ -7,9 +7,10 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, Twist
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rcl_interfaces.msg import Log
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import BatteryState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 
@@ -19,6 +20,12 @@ def _reliable(depth: int) -> QoSProfile:
 
 def _best_effort(depth: int) -> QoSProfile:
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def _latched() -> QoSProfile:
+    """The newest message, kept for those who come later."""
+    durability = DurabilityPolicy.TRANSIENT_LOCAL
+    return QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
 
 
 @dataclass(frozen=True)
@@ -54,6 +61,12 @@ def status_topic(kind: type[Any]) -> Topic:
     """Return the topic on which crazyswarm2's server tells of a drone, of type crazyflie_interfaces' Status."""
     return Topic("status", kind, _reliable(10), _best_effort(10))
 
+
+# the log of all nodes in the domain
+LOG = Topic("/rosout", Log, _reliable(1000), _reliable(1000))
+
+# of the controller, in its namespace, not of a robot: what it is set to
+SETUP = Topic("flatsat/setup", String, _latched(), _latched())
 
 # The life-cycle of a flight, as services `<robot>/flatsat/<name>` and `all/flatsat/<name>`: the prefix keeps them from
 # clashing with those of crazyswarm2.

@@ -16,7 +16,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, PoseStamped, Quaternion, Transform, Twist, Vector3
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from sensor_msgs.msg import BatteryState
-from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout, String
 from std_srvs.srv import SetBool
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
@@ -66,6 +66,11 @@ def pose_from_message(message: PoseStamped) -> tuple[int, tuple[float, ...], tup
     """Return stamp (ns), position (3,), m, and quaternion (4,), x, y, z, w, of a pose message."""
     p, q = message.pose.position, message.pose.orientation
     return nanoseconds_from_stamp(message.header.stamp), (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
+
+
+def text_message(text: str) -> String:
+    """Return a message of text."""
+    return String(data=text)
 
 
 def fill_command(message: Twist, setpoint: WireSetpoint) -> None:

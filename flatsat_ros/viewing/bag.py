@@ -1,0 +1,214 @@
+"""A flight read from any ROS 2 bag, MCAP or SQLite, with rosbags: no ROS is needed, and no topic must be there.
+
+What is known by its type: poses of several kinds, the set-points of crazyswarm2, our telemetry, batteries, lines of the
+log, and what our controller says of itself. All times are those at which the messages were recorded: stamps of several
+machines need not agree.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flatsat_ros.base.errors import FlatsatError, one_line
+from flatsat_ros.base.files import check_folder, check_regular, located, unreadable
+from flatsat_ros.base.strict_yaml import read_yaml
+from flatsat_ros.flight.telemetry import FIELDS
+from flatsat_ros.viewing.flight import COMMAND_FIELDS, POSE_FIELDS, Channel, Event, Flight, Track, with_mode_events
+
+_NANOSECONDS = 1e9
+MESSAGES = 5_000_000  # more are not read
+_SEVERITIES = {10: "info", 20: "info", 30: "warning", 40: "error", 50: "error"}
+# poses that are wishes, not measurements
+_WISHES = ("goal_pose", "cmd_position", "target", "setpoint")
+
+# what a message says: a channel's kind, a robot's name below its topic (empty: the topic's own), the values
+Sample = tuple[str, str, tuple[Any, ...]]
+
+
+def read_flight(path: Path, progress: Callable[[Iterable[Any], int], Iterable[Any]] = lambda items, _: items) -> Flight:
+    """Read all that can be shown out of a bag.
+
+    Args:
+        path: the bag's folder, or its .mcap or .db3 file.
+        progress: wraps the messages, of which there are as many as its second argument says.
+
+    Returns:
+        The flight; its times count from the first message that is shown.
+
+    Raises:
+        FlatsatError: rosbags is not installed, the bag cannot be read, or nothing in it can be shown.
+    """
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise unreadable(path, "a bag needs rosbags, pip install rosbags") from error
+    check_bag(path)
+    collected = _Collected()
+    try:
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+            shown = [connection for connection in reader.connections if _reader_of(connection) is not None]
+            count = sum(connection.msgcount for connection in shown)
+            if count > MESSAGES:
+                raise located(path, f"it has {count} messages that can be shown, at most {MESSAGES} are read")
+            # without a choice of connections, all messages would come
+            for connection, time, raw in progress(reader.messages(shown), count) if shown else ():
+                read = _reader_of(connection)
+                assert read is not None
+                collected.add(time, connection.topic, read(reader.deserialize(raw, connection.msgtype)))
+        flight = collected.flight(f"{path.resolve().parent.name}/{path.name}")
+    except FlatsatError:
+        raise
+    except Exception as error:  # a damaged bag lets errors of a dozen kinds escape from rosbags and what it stands on
+        raise unreadable(path, one_line(str(error)) or type(error).__name__) from error
+    if not flight.tracks:
+        kinds = ", ".join(sorted({kind.rpartition("/")[2] for kind in READERS}))
+        raise located(path, f"nothing in it can be shown: it has no poses or set-points of drones; known are {kinds}")
+    return flight
+
+
+def check_bag(path: Path) -> None:
+    """Refuse what rosbags would wait for or choke on: pipes and devices, and metadata that are not strictly YAML."""
+    if not path.is_dir():
+        check_regular(path)
+        return
+    check_folder(path)
+    read_yaml(path / "metadata.yaml")
+
+
+def _pose(pose: Any) -> tuple[float, ...]:
+    place, turn = pose.position, pose.orientation
+    return (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
+
+
+def _transforms(message: Any) -> list[Sample]:
+    samples: list[Sample] = []
+    for entry in message.transforms:
+        place, turn = entry.transform.translation, entry.transform.rotation
+        values = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
+        samples.append(("pose", entry.child_frame_id, values))
+    return samples
+
+
+def _telemetry(message: Any) -> list[Sample]:
+    labels = message.layout.dim[0].label.split(",") if message.layout.dim else []
+    row = dict(zip((label.strip() for label in labels), message.data.tolist(), strict=False))
+    return [("tick", "", tuple(row.get(name, np.nan) for name in FIELDS))] if "mode" in row else []
+
+
+# by message type: the samples in a message
+READERS: Mapping[str, Callable[[Any], list[Sample]]] = {
+    "geometry_msgs/msg/PoseStamped": lambda m: [("pose", "", _pose(m.pose))],
+    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda m: [("pose", "", _pose(m.pose.pose))],
+    "nav_msgs/msg/Odometry": lambda m: [("pose", "", _pose(m.pose.pose))],
+    "tf2_msgs/msg/TFMessage": _transforms,
+    "motion_capture_tracking_interfaces/msg/NamedPoseArray": lambda m: [
+        ("pose", str(entry.name), _pose(entry.pose)) for entry in m.poses
+    ],
+    "geometry_msgs/msg/Twist": lambda m: [("command", "", (m.linear.y, m.linear.x, m.angular.z, m.linear.z))],
+    "std_msgs/msg/Float64MultiArray": _telemetry,
+    "sensor_msgs/msg/BatteryState": lambda m: [("battery", "", (m.voltage,))],
+    "rcl_interfaces/msg/Log": lambda m: [("log", str(m.name), (m.level, m.msg))],
+    "std_msgs/msg/String": lambda m: [("setup", "", (m.data,))],
+}
+# which topics of a type are meant, by the end of their names; all where nothing stands here
+_ENDINGS = {
+    "geometry_msgs/msg/Twist": "cmd_vel_legacy",
+    "std_msgs/msg/Float64MultiArray": "flatsat/telemetry",
+    "std_msgs/msg/String": "flatsat/setup",
+}
+_FIELDS = {"pose": POSE_FIELDS, "command": COMMAND_FIELDS, "tick": FIELDS, "battery": ("voltage",)}
+
+
+def _reader_of(connection: Any) -> Callable[[Any], list[Sample]] | None:
+    """Return what reads the messages of a connection, None for one that is not shown."""
+    topic, kind = connection.topic, connection.msgtype
+    if not topic.endswith(_ENDINGS.get(kind, "")) or topic.rpartition("/")[2] in _WISHES:
+        return None
+    return READERS.get(kind)
+
+
+class _Collected:
+    """The samples of a bag so far."""
+
+    def __init__(self) -> None:
+        self._samples: dict[tuple[str, str, str], list[tuple[float, ...]]] = defaultdict(list)
+        self._log: list[tuple[int, str, str]] = []
+        self._setup: dict[str, object] = {}
+        self._begin: int | None = None
+
+    def add(self, time: int, topic: str, samples: list[Sample]) -> None:
+        """Take in the samples of one message, recorded at a time, ns."""
+        if self._begin is None:
+            self._begin = time
+        seconds = (time - self._begin) / _NANOSECONDS
+        for kind, name, values in samples:
+            if kind == "log":
+                self._log.append((time, _SEVERITIES.get(values[0], "info"), f"{name}: {values[1]}"))
+            elif kind == "setup":
+                self._setup |= _setup_of(values[0])
+            else:
+                self._samples[kind, topic, name].append((seconds, *values))
+
+    def flight(self, title: str) -> Flight:
+        """Return what was collected."""
+        tracks: dict[str, dict[str, Channel]] = defaultdict(dict)
+        notes = []
+        for (kind, topic, name), rows in sorted(self._samples.items()):
+            drone = name or _drone_of(topic, kind)
+            if kind in tracks[drone]:
+                notes.append(f"{drone}: there are several sources of {kind}; {topic} is not shown.")
+                continue
+            samples = np.array(rows, dtype=np.float64)
+            order = np.argsort(samples[:, 0], kind="stable")
+            tracks[drone][kind] = Channel(_FIELDS[kind], samples[order])
+        common = _common_prefix(list(tracks))
+        short = {drone: drone[len(common) :].strip("/") or drone for drone in sorted(tracks)}
+        named = [Track(name, tracks[drone]) for drone, name in short.items()]
+        notes += [
+            f"{track.name}: no {word} was recorded."
+            for track in named
+            for kind, word in (("pose", "pose"), ("tick", "telemetry of this controller"))
+            if kind not in track.channels
+        ]
+        begin = self._begin or 0
+        events = [
+            Event((time - begin) / _NANOSECONDS, _drone_named(text, named), severity, text)
+            for time, severity, text in self._log
+        ]
+        return with_mode_events(Flight(title, named, events, self._setup, notes))
+
+
+def _drone_of(topic: str, kind: str) -> str:
+    """Return the name of the drone that a topic belongs to."""
+    parts = topic.strip("/").split("/")
+    dropped = 2 if kind == "tick" else 1
+    return "/".join(parts[:-dropped]) or parts[0]
+
+
+def _common_prefix(names: list[str]) -> str:
+    """Return the namespace, with its slash, below which all names are; empty for none."""
+    spaces = {name.rpartition("/")[0] for name in names}
+    return f"{spaces.pop()}/" if len(spaces) == 1 and all("/" in name for name in names) else ""
+
+
+def _drone_named(text: str, tracks: list[Track]) -> str:
+    """Return whose a line of the log is: of `node: drone: what happened`."""
+    words = text.split(": ")
+    names = {track.name for track in tracks}
+    return words[1] if len(words) > 2 and words[1] in names else ""
+
+
+def _setup_of(text: str) -> dict[str, object]:
+    """Return what our controller says of itself; nothing from a text of another kind."""
+    try:
+        found = json.loads(text)
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}

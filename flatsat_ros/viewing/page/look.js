@@ -1,0 +1,43 @@
+// Colours, names of the flight modes, and how numbers are written.
+
+// Okabe and Ito's colours, which colour-blind people can tell apart; further drones get them again, with dashes
+const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a8a00", "#7f7f7f"];
+const MODES = ["IDLE", "UNLOCK", "FLY", "LEVEL", "CUT", "REST", "DESCEND", "FALLEN"];
+const MODE_COLOURS = ["#9aa3ad", "#56b4e9", "#009e73", "#e69f00", "#5b2333", "#8fb3a5", "#d55e00", "#a4003b"];
+
+function colourOf(index) {
+  return COLOURS[index % COLOURS.length];
+}
+
+function dashOf(index) {
+  return [[], [6, 4], [2, 3], [10, 3, 2, 3]][Math.floor(index / COLOURS.length) % 4];
+}
+
+function element(tag, attributes = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (name === "class") made.className = value;
+    else if (name.startsWith("on")) made.addEventListener(name.slice(2), value);
+    else made.setAttribute(name, value);
+  }
+  // text stays text: names come from messages
+  made.append(...children);
+  return made;
+}
+
+function written(value, digits = 3) {
+  if (value === null || value === undefined || Number.isNaN(value)) return "–";
+  if (typeof value !== "number") return String(value);
+  if (!Number.isFinite(value)) return value > 0 ? "∞" : "-∞";
+  const size = Math.abs(value);
+  return size !== 0 && (size < 1e-3 || size >= 1e5) ? value.toExponential(2) : String(Number(value.toPrecision(digits)));
+}
+
+function clock(seconds) {
+  const minutes = Math.floor(seconds / 60);
+  return `${minutes}:${(seconds - 60 * minutes).toFixed(2).padStart(5, "0")}`;
+}
+
+function style(name) {
+  return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+}

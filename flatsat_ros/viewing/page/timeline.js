@@ -1,0 +1,91 @@
+// Who was in which mode and who was guaranteed when, over the whole flight; a click goes there.
+
+class Timeline {
+  constructor(host, flight, onSeek) {
+    this.host = host;
+    this.flight = flight;
+    this.onSeek = onSeek;
+    this.time = 0;
+    this.canvas = element("canvas", { role: "img", "aria-label": "flight modes and guarantee of each drone over time" });
+    this.marker = element("div", { class: "now" });
+    this.stage = element("div", { class: "strips" }, this.canvas, this.marker);
+    host.append(this.stage, this.legend());
+    this.stage.addEventListener("pointerdown", (event) => {
+      this.stage.setPointerCapture(event.pointerId);
+      this.seek(event);
+    });
+    this.stage.addEventListener("pointermove", (event) => {
+      if (event.buttons) this.seek(event);
+    });
+    new ResizeObserver(() => this.paint()).observe(this.stage);
+  }
+
+  legend() {
+    const used = MODES.filter((_, mode) => this.flight.drones.some((drone) => (drone.channel("tick").column("mode") || []).includes(mode)));
+    const keys = used.map((name) => element("span", {}, element("i", { style: `background:${MODE_COLOURS[MODES.indexOf(name)]}` }), name));
+    return element("div", { class: "legend" }, ...keys, element("span", {}, element("i", { class: "proven" }), "guaranteed"));
+  }
+
+  get names() {
+    return Math.min(110, Math.max(40, 0.16 * this.stage.clientWidth));
+  }
+
+  seek(event) {
+    const box = this.canvas.getBoundingClientRect();
+    const share = (event.clientX - box.left - this.names) / (box.width - this.names);
+    this.onSeek(Math.max(0, Math.min(1, share)) * this.flight.end);
+  }
+
+  mark(time) {
+    this.time = time;
+    const width = this.stage.clientWidth - this.names;
+    this.marker.style.transform = `translateX(${this.names + (width * time) / this.flight.end}px)`;
+  }
+
+  paint() {
+    const { drones, events, end } = this.flight;
+    const row = drones.length > 20 ? 9 : drones.length > 8 ? 13 : 18;
+    const width = this.stage.clientWidth;
+    const height = row * drones.length + 14;
+    const ratio = window.devicePixelRatio || 1;
+    Object.assign(this.canvas, { width: width * ratio, height: height * ratio });
+    Object.assign(this.canvas.style, { width: `${width}px`, height: `${height}px` });
+    const pen = this.canvas.getContext("2d");
+    pen.scale(ratio, ratio);
+    pen.font = `${Math.min(12, row - 2)}px system-ui, sans-serif`;
+    pen.textBaseline = "middle";
+    const left = this.names;
+    const toX = (time) => left + ((width - left) * time) / end;
+    drones.forEach((drone, k) => {
+      const top = row * k;
+      pen.fillStyle = style("--ink");
+      pen.fillText(drone.name, 0, top + row / 2, left - 6);
+      this.strip(pen, drone.channel("tick"), toX, top, row);
+    });
+    for (const event of events) {
+      pen.fillStyle = event.severity === "error" ? "#d55e00" : event.severity === "warning" ? "#e69f00" : style("--quiet");
+      pen.fillRect(toX(event.time) - 1, row * drones.length + 2, 2, 10);
+    }
+    this.mark(this.time);
+  }
+
+  strip(pen, ticks, toX, top, row) {
+    const modes = ticks.column("mode");
+    const proven = ticks.column("guaranteed");
+    if (!modes) return;
+    let begin = 0;
+    for (let k = 1; k <= ticks.length; k += 1) {
+      const isEnd = k === ticks.length;
+      if (!isEnd && modes[k] === modes[begin] && (proven ? proven[k] === proven[begin] : true)) continue;
+      const from = toX(ticks.times[begin]);
+      const to = toX(ticks.times[isEnd ? k - 1 : k]);
+      pen.fillStyle = MODE_COLOURS[modes[begin]] || "#000";
+      pen.fillRect(from, top + 1, Math.max(1, to - from), row - 2);
+      if (proven && proven[begin] === 1) {
+        pen.fillStyle = "#fff";
+        pen.fillRect(from, top + row - 5, Math.max(1, to - from), 2);
+      }
+      begin = k;
+    }
+  }
+}
