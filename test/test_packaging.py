@@ -28,6 +28,7 @@ EXECUTABLES = [
     "falsify",
     "faults",
     "mocap_player",
+    "report",
     "reproduce",
     "sim_drone",
     "synthesize",
