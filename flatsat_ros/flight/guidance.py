@@ -42,6 +42,7 @@ class Guidance:
         references: what is followed.
         landing: (N,) who sinks until something carries it.
         ground: (N,) height on which each drone stood last, m.
+        changed: who got a new reference since somebody emptied this.
     """
 
     def __init__(self, limits: InputSet, speed: float, box: Box, count: int) -> None:
@@ -56,6 +57,7 @@ class Guidance:
         self.references = References(count)
         self.landing = np.zeros(count, dtype=bool)
         self.ground = np.full(count, float(box.low[2]))
+        self.changed: set[int] = set()
         self._limits = limits
         self._path_limits = PathLimits.within(limits, speed)
         self._box = box
@@ -115,18 +117,46 @@ class Guidance:
         self.references.yaw[index] = yaw
         self.landing[index] = False
 
+    def goal(self, index: int) -> FloatArray | None:
+        """Return the goal (3,), m, of drone index; None if it has none: it brakes, lands or follows a trajectory."""
+        goal = self._goals[index]
+        return None if goal is None or np.isnan(goal).any() or self.landing[index] else goal
+
+    def way(self, index: int, goal: FloatArray | None, now: float, state: FloatArray | None = None) -> Trajectory:
+        """Return the path on which drone index would go to a goal.
+
+        Args:
+            index: which drone.
+            goal: (3,) m; None to land where it is.
+            now: s.
+            state: (6,) m, m/s, of a drone that sets out from there and not from where its reference is.
+        """
+        motion = self.references.motion(index, now)
+        if state is not None:
+            motion = np.zeros((4, 3))
+            motion[:2] = state.reshape(2, 3)
+        landing = goal is None
+        return self._path(index, motion, self._below(index, motion) if goal is None else goal, now, landing=landing)
+
     def brake(self, index: int, now: float) -> None:
         """Let the reference of drone index come to rest as soon as it can, and stay there."""
+        self.stop(index)
+        self.replan(index, now)
+
+    def stop(self, index: int) -> None:
+        """Let drone index stay where its flight begins."""
         self._goals[index] = _BRAKE.copy()
         self.landing[index] = False
-        self.replan(index, now)
 
     def land(self, index: int, now: float) -> None:
         """Let the reference of drone index brake and sink below the ground, until something carries the drone."""
-        below = min(float(self.ground[index]), float(self.references.motion(index, now)[0, 2])) - _LANDING_DEPTH
-        self._goals[index] = np.array([math.nan, math.nan, below])
+        self._goals[index] = self._below(index, self.references.motion(index, now))
         self.landing[index] = True
         self.replan(index, now)
+
+    def _below(self, index: int, motion: FloatArray) -> FloatArray:
+        """Return the goal (3,), m, of a landing from a motion (4, 3): somewhere below the ground."""
+        return np.array([math.nan, math.nan, min(float(self.ground[index]), float(motion[0, 2])) - _LANDING_DEPTH])
 
     def start(self, index: int, state: FloatArray, now: float) -> str:
         """Let drone index, whose flight begins or goes on, set out from where it is.
@@ -202,15 +232,22 @@ class Guidance:
     def _plan(self, index: int, motion: FloatArray, now: float) -> None:
         goal = self._goals[index]
         assert goal is not None
-        box, limits = self._box, self._path_limits
-        if self.landing[index]:
-            box = Box(np.array([*box.low[:2], -math.inf]), box.high)
-            limits = limits.slower(_LANDING_SPEED)
-        wait = bool(self._waiting[index]) and not self.landing[index]
-        path = path_to(motion, goal, now, limits, box, float(self.references.yaw[index]), wait=wait)
+        landing = bool(self.landing[index])
+        wait = bool(self._waiting[index]) and not landing
+        path = self._path(index, motion, goal, now, landing=landing, wait=wait)
         if not wait:
             self._goals[index] = np.where(np.isnan(goal), path.end, goal)
         self._assign(index, path)
 
+    def _path(
+        self, index: int, motion: FloatArray, goal: FloatArray, now: float, *, landing: bool, wait: bool = False
+    ) -> Trajectory:
+        box, limits = self._box, self._path_limits
+        if landing:
+            box = Box(np.array([*box.low[:2], -math.inf]), box.high)
+            limits = limits.slower(_LANDING_SPEED)
+        return path_to(motion, goal, now, limits, box, float(self.references.yaw[index]), wait=wait)
+
     def _assign(self, index: int, trajectory: Trajectory) -> None:
         self.references.assign(index, trajectory, trajectory.require_margin(self._limits))
+        self.changed.add(index)

@@ -21,6 +21,7 @@ from flatsat_ros.flight.policy import GoalMode, Policy, YawSource
 from flatsat_ros.flight.senses import Senses
 from flatsat_ros.flight.supervisor import AIRBORNE, Mode, Supervisor, Transition
 from flatsat_ros.flight.tick import Command, Report, Tick
+from flatsat_ros.flight.traffic import Traffic
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.flight.yaw import YawControl
 from flatsat_ros.law.controller import Controller, Memory, Output
@@ -46,17 +47,37 @@ class Pilot:
         estimator: the drones' estimates.
         batteries: what is known of their batteries.
         clearance: what keeps drones on the ground.
+        traffic: who goes where, and who waits for whom.
         memory: the controller's gains.
     """
 
-    def __init__(self, certificate: Certificate, tuning: Tuning, policy: Policy, count: int) -> None:
-        """Start with all drones idle; tuning has one entry a drone or one for all."""
+    def __init__(
+        self,
+        certificate: Certificate,
+        tuning: Tuning,
+        policy: Policy,
+        count: int,
+        names: Sequence[str] | None = None,
+        others: Sequence[str] = (),
+    ) -> None:
+        """Start with all drones idle.
+
+        Args:
+            certificate: what is proved of the loop.
+            tuning: of the gains, one entry a drone or one for all.
+            policy: the figures of the flight layer.
+            count: N.
+            names: of the drones, for people; None for their numbers.
+            others: names of robots that are not flown here, but whose poses are known, see `Traffic.see`.
+        """
         self.certificate = certificate
         self.estimator = Estimator(count)
         self.batteries, self.clearance = Batteries(count), Clearance()
         self._policy = policy
         self._supervisor = Supervisor(policy, count)
         self._guidance = Guidance(certificate.limits, policy.speed_max, policy.box, count)
+        known_as = [f"drone {index}" for index in range(count)] if names is None else names
+        self.traffic = Traffic(policy, self._guidance, self._supervisor, known_as, others)
         self._senses = Senses(certificate, policy, count)
         self._monitor = GuaranteeMonitor(certificate, count)
         self._yaw = YawControl(count)
@@ -82,21 +103,25 @@ class Pilot:
     def set_goal(self, index: int, position: ArrayLike, yaw: float = 0.0) -> None:
         """Give drone index a goal (3,), m, to rest at, and a yaw, rad; it takes off if it rests, and no longer lands.
 
+        Where other drones are in its way, it sets out later.
+
         Raises:
-            FlatsatError: goal or yaw is not finite, the goal is outside the box, or the drone must not take off.
+            FlatsatError: goal or yaw is not finite, the goal is outside the box or another drone's place, or the drone
+                must not take off.
         """
         if self._policy.goal_mode is GoalMode.STEP:
             self.set_reference(index, Trajectory.hold(position, yaw))
             return
         self._require_clear(index)
-        self._guidance.go_to(index, position, float(finite_array("yaw", yaw)))
-        self._begin(index, patient=True)
+        if self.traffic.admit_goal(index, position, float(finite_array("yaw", yaw))):
+            self._begin(index, patient=True)
 
     def set_reference(self, index: int, trajectory: Trajectory) -> None:
         """Give drone index a trajectory; it takes off if it rests, and no longer lands.
 
         Raises:
-            FlatsatError: it leaves the box or no margin inside the input set, or the drone must not take off.
+            FlatsatError: it leaves the box or no margin inside the input set, comes near another drone, or the drone
+                must not take off.
         """
         self._require_clear(index)
         path_mode = self._policy.goal_mode is GoalMode.PATH
@@ -105,7 +130,7 @@ class Pilot:
             return
         if path_mode and self.mode[index] == _FLY:
             self._guidance.require_near(index, trajectory, self._now)
-        self._guidance.follow(index, trajectory)
+        self.traffic.admit_trajectory(index, trajectory)
         self._begin(index, patient=True)
 
     def _require_clear(self, index: int) -> None:
@@ -133,6 +158,7 @@ class Pilot:
         """
         self._supervisor.require_mode(index, Mode.FLY, purpose="hold its place")
         self._require_clear(index)
+        self.traffic.withdraw(index)
         self._guidance.brake(index, self._now)
 
     def arm(self, index: int, armed: bool) -> None:
@@ -156,7 +182,7 @@ class Pilot:
 
         Raises:
             FlatsatError: it does not stand, its pose is not known, it must not take off, the height is not above 0 or
-                ends outside the box.
+                ends outside the box, or another drone is in the way.
         """
         self._require_clear(index)
         place, mode = self._state[index, :3], Mode(self.mode[index])
@@ -171,7 +197,7 @@ class Pilot:
         if self._policy.goal_mode is GoalMode.STEP:
             self._guidance.follow(index, Trajectory.hold(place + climb, yaw))
         else:
-            self._guidance.go_to(index, place + climb, yaw)
+            self.traffic.admit_take_off(index, place + climb, yaw)
         self._begin(index, patient=False)
 
     def _unready(self, index: int) -> str:
@@ -193,9 +219,10 @@ class Pilot:
         """Let drone index brake, sink where it is until something carries it, then rest.
 
         Raises:
-            FlatsatError: it is not in the air.
+            FlatsatError: it is not in the air, or another drone stays below.
         """
         self._supervisor.require_mode(index, *AIRBORNE, purpose="land")
+        self.traffic.admit_landing(index)
         self._guidance.land(index, self._now)
 
     def retire(self) -> None:
@@ -246,6 +273,7 @@ class Pilot:
             self.estimator.restart()
             self._supervisor.set_clock_back(now)
             self._senses.set_clock_back(now)
+            self.traffic.set_clock_back()
         self._now = now
         for index, reason in self.clearance.barred():
             if self._supervisor.call_off(index):
@@ -260,6 +288,10 @@ class Pilot:
         transitions = self._supervisor.advance(now, sight)
         if transitions:
             self._take(transitions, estimated)
+        if self.traffic.is_due(now, state, usable):
+            for index in self.traffic.look():
+                self._begin(index, patient=True)
+            self._reports += self.traffic.reports()
         flying = self.mode == _FLY
         references = self._guidance.references
         reference = references.sample(now)
@@ -319,6 +351,7 @@ class Pilot:
                 self._guidance.landing[index] = False
                 gain[index] = initial[index]
         self.memory = Memory(gain)
+        self.traffic.follow(transitions)
 
     def _steer(self, base: FloatArray, flying: np.ndarray) -> Output:
         """Step the law; a new reference that is far restarts the gain first, and only drones in FLY adapt theirs."""

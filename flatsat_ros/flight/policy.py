@@ -47,6 +47,7 @@ class Policy:
         floor: height of the floor, m, world frame.
         ceiling: largest height of a reference, m, world frame.
         walls: smallest x and y, largest x and y of a reference, m, world frame.
+        separation: least distance of two drones, m, and along the vertical separation.DOWNWASH times as much.
 
     Raises:
         FlatsatError: a figure is out of its range; the text names it.
@@ -67,6 +68,7 @@ class Policy:
     floor: float = 0.0
     ceiling: float = 10.0
     walls: tuple[float, float, float, float] = (-20.0, -20.0, 20.0, 20.0)
+    separation: float = 0.4
 
     def __post_init__(self) -> None:
         seconds = ("pose_timeout", "level_time", "unlock_time", "lift_off_time", "rest_time")
@@ -75,7 +77,7 @@ class Policy:
         require(self.pose_timeout <= PREDICTION_MAX, "pose_timeout", self.pose_timeout, "s", age)
         require(self.level_thrust <= 1.0, "level_thrust", self.level_thrust, "g", "at most 1 g, or it would climb")
         require_fields(self, require_not_negative, disturbance_max="m/s^2", drag="1/s")
-        require_fields(self, require_positive, speed_max="m/s")
+        require_fields(self, require_positive, speed_max="m/s", separation="m")
         require_number("thrust_error_max", self.thrust_error_max, "", 0.0, 0.5)
         require_fields(self, require_number, floor="m", ceiling="m")
         require(self.floor < self.ceiling, "ceiling", self.ceiling, "m", f"above the floor, {self.floor} m")

@@ -51,6 +51,10 @@ class References:
             return self._resting.copy()
         return evaluate(self._coefficients, t - self._origin)
 
+    def trajectory(self, index: int) -> Trajectory | None:
+        """Return what drone index follows; None before its first reference."""
+        return self._trajectories[index]
+
     def motion(self, index: int, t: float) -> FloatArray:
         """Return position, velocity, acceleration and jerk (4, 3) of drone index's reference at t."""
         trajectory = self._trajectories[index]

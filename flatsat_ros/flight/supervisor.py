@@ -43,7 +43,7 @@ class Mode(IntEnum):
 AIRBORNE = (Mode.FLY, Mode.LEVEL, Mode.DESCEND)
 
 # a drone lower than this above the floor, m, stands on it until it has flown
-_STANDING = 0.15
+STANDING_HEIGHT = 0.15
 # a take-off waits so long, s, for poses that are lost
 _TAKE_OFF_PATIENCE = 5.0
 
@@ -248,6 +248,7 @@ class Supervisor:
         mode: (N,) values of `Mode`.
         armed: (N,) who may take off; all at first.
         unlocking: (N,) who was armed on the ground and is about to be unlocked.
+        requested: (N,) who got a reference since the motors were last stopped.
     """
 
     def __init__(self, policy: Policy, count: int) -> None:
@@ -256,7 +257,7 @@ class Supervisor:
         self.unlocking = np.zeros(count, dtype=bool)
         self._policy = policy
         self._since = np.full(count, -np.inf)
-        self._requested = np.zeros(count, dtype=bool)  # a reference was given since the motors were last stopped
+        self.requested = np.zeros(count, dtype=bool)
         self._patient = np.zeros(count, dtype=bool)  # it waits for poses that are lost; a take-off by service does not
         self._retried = np.zeros(count, dtype=bool)  # unlocked a second time for the same reference
         self._rearmed = np.zeros(count, dtype=bool)  # a person armed it since it fell
@@ -291,7 +292,7 @@ class Supervisor:
             index: which drone.
             patient: it waits for poses that are lost before take-off, be it much later.
         """
-        self._requested[index], self._patient[index], self._retried[index] = True, patient, False
+        self.requested[index], self._patient[index], self._retried[index] = True, patient, False
 
     def arm(self, index: int, armed: bool, height: float | None) -> None:
         """Allow drone index to take off, or forbid it.
@@ -305,19 +306,19 @@ class Supervisor:
             FlatsatError: it is in use or in the air and cannot be disarmed.
         """
         mode = Mode(self.mode[index])
-        high = height is not None and height >= self._policy.floor + _STANDING
+        high = height is not None and height >= self._policy.floor + STANDING_HEIGHT
         if not armed:
             self.require_mode(index, Mode.IDLE, Mode.CUT, Mode.FALLEN, purpose="be disarmed; land it first")
             if mode is Mode.IDLE and high:
                 raise FlatsatError(f"the drone is at z = {height:.2f} m, flown by somebody else: land it first")
-            self._requested[index] = False
+            self.requested[index] = False
         self.armed[index] = armed
         self._rearmed[index] = armed and mode is Mode.FALLEN
         self.unlocking[index] = armed and mode in (Mode.IDLE, Mode.UNLOCK) and height is not None and not high
 
     def withdraw(self, index: int) -> None:
         """Let drone index not take off any more; one in the air goes on."""
-        self.armed[index] = self.unlocking[index] = self._requested[index] = False
+        self.armed[index] = self.unlocking[index] = self.requested[index] = False
 
     def call_off(self, index: int) -> bool:
         """Forget the reference of drone index unless it is in the air; return whether there was one to forget."""
@@ -334,7 +335,7 @@ class Supervisor:
         """
         self.require_mode(index, Mode.FLY, purpose="be handed over")
         self._pending.append(Transition(index, Mode.FLY, Mode.IDLE, "handed over"))
-        self.mode[index], self._requested[index] = Mode.IDLE.value, False
+        self.mode[index], self.requested[index] = Mode.IDLE.value, False
 
     def set_clock_back(self, now: float) -> None:
         """Let no mode last longer because the clock was set back to now, s."""
@@ -358,8 +359,8 @@ class Supervisor:
                 elapsed=now - float(self._since[index]),
                 policy=self._policy,
                 usable=bool(sight.usable[index]),
-                standing=bool(sight.height[index] < self._policy.floor + _STANDING),
-                requested=bool(self._requested[index]),
+                standing=bool(sight.height[index] < self._policy.floor + STANDING_HEIGHT),
+                requested=bool(self.requested[index]),
                 unlocking=bool(self.unlocking[index]),
                 touched_down=bool(sight.touched_down[index]),
                 held=bool(sight.held[index]),
@@ -384,8 +385,8 @@ class Supervisor:
     def _enter(self, index: int, event: Event, after: Mode, now: float) -> None:
         self.mode[index], self._since[index] = after.value, now
         if after in (Mode.CUT, Mode.REST, Mode.FALLEN):
-            self._requested[index] = self._rearmed[index] = False
+            self.requested[index] = self._rearmed[index] = False
         elif after is Mode.UNLOCK:
             self._retried[index] |= event is Event.HELD
         elif after is Mode.IDLE:
-            self._requested[index] &= self._patient[index]
+            self.requested[index] &= self._patient[index]

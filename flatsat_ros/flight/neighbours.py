@@ -1,0 +1,188 @@
+"""Where N drones and M other robots are from now on, and who would come too near to whom.
+
+A drone in FLY follows its reference; everybody else is taken to stay where it was measured last.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.flight.guidance import Guidance
+from flatsat_ros.flight.policy import Policy
+from flatsat_ros.flight.separation import DOWNWASH, IN_THE_AIR, STANDING, TOLERANCE, Track, closest
+from flatsat_ros.flight.supervisor import AIRBORNE, STANDING_HEIGHT, Mode, Supervisor
+from flatsat_ros.flight.trajectory import Trajectory
+
+# references are this much farther apart than drones must be, m: drones are not exactly on theirs
+_ALLOWANCE = 0.05
+
+
+class Conflict(NamedTuple):
+    """Someone who comes too near: who, how near, m, when, s, and whether that one stays where it is."""
+
+    other: int
+    distance: float
+    time: float
+    rests: bool
+
+
+class Presence(NamedTuple):
+    """Where a robot is from now on, how distances from it count, (3,), and whether it stays there."""
+
+    track: Track
+    scale: FloatArray
+    rests: bool
+
+
+class End(NamedTuple):
+    """A place (3,), m, where a robot will stay or may, how distances from it count, (3,), and what it does there."""
+
+    place: FloatArray
+    scale: FloatArray
+    does: str
+
+
+class Neighbours:
+    """N drones of this controller, and M other robots, numbered from N on, of which nothing but poses is known.
+
+    Attributes:
+        names: of all, for people.
+        count: N.
+        required: least distance of references, m.
+        now: s, of the last tick, as are the next two.
+        state: (N, 6) m, m/s.
+        usable: (N,) whose state is known.
+        seen: (M, 3) where the others were seen last, m; NaN if they never were.
+        seen_at: (M,) when, s.
+    """
+
+    def __init__(
+        self, policy: Policy, guidance: Guidance, supervisor: Supervisor, names: Sequence[str], others: Sequence[str]
+    ) -> None:
+        """Begin with nobody known; see `Traffic`."""
+        self.names, self.count = [*names, *others], len(names)
+        self.required = policy.separation + _ALLOWANCE
+        self.now = -math.inf
+        self.state, self.usable = np.zeros((self.count, 6)), np.zeros(self.count, dtype=bool)
+        self.seen, self.seen_at = np.full((len(others), 3), np.nan), np.full(len(others), math.inf)
+        self._standing = policy.floor + STANDING_HEIGHT
+        self._guidance, self._supervisor = guidance, supervisor
+        self._tracks: list[Track | None] = [None] * self.count
+        self._low, self._high = np.full((2, self.count, 3), np.nan)  # boxes around the tracks
+
+    @property
+    def valid(self) -> str:
+        """Which distances are, for people."""
+        return f"at least {self.required:g} m, {DOWNWASH:g} times that vertically"
+
+    def take_references(self) -> set[int]:
+        """Take the references that have changed; return whose."""
+        changed = set(self._guidance.changed)
+        self._guidance.changed.clear()
+        for index in changed:
+            trajectory = self._guidance.references.trajectory(index)
+            if trajectory is not None:
+                self._tracks[index] = track = Track(trajectory)
+                self._low[index], self._high[index] = track.low.min(axis=0), track.high.max(axis=0)
+        return changed
+
+    def mode(self, index: int) -> Mode:
+        """Return the mode of a robot, IDLE for others: somebody else flies it, or nobody."""
+        return Mode(self._supervisor.mode[index]) if index < self.count else Mode.IDLE
+
+    def places(self) -> FloatArray:
+        """Return where everybody was measured last, (N + M, 3) m, NaN for unknown."""
+        own = np.where(self.usable[:, np.newaxis], self.state[:, :3], np.nan)
+        return np.concatenate([own, self.seen])
+
+    def aloft(self) -> np.ndarray:
+        """Tell who is in the air, (N + M,): by the mode and well above its ground, others by their height."""
+        high = self.state[:, 2] - self._guidance.ground >= STANDING_HEIGHT
+        own = np.isin(self._supervisor.mode, AIRBORNE) & self.usable & high
+        return np.concatenate([own, self.seen[:, 2] >= self._standing])
+
+    def is_high(self, index: int) -> bool:
+        """Tell whether a robot is measured so high that it does not stand."""
+        return bool(self.places()[index, 2] >= self._standing)
+
+    def presence(self, index: int) -> Presence | None:
+        """Return where a robot is from now on; None if nothing is known of it."""
+        mode = self.mode(index)
+        track = self._tracks[index] if mode is Mode.FLY else None
+        if track is not None:
+            return Presence(track, IN_THE_AIR, bool(self._guidance.references.at_rest[index]))
+        place = self.places()[index]
+        if np.isnan(place).any():
+            return None
+        in_the_air = mode in AIRBORNE or bool(place[2] >= self._standing)
+        return Presence(Track(Trajectory.hold(place)), IN_THE_AIR if in_the_air else STANDING, True)
+
+    def conflicts(
+        self,
+        index: int,
+        track: Track,
+        until: float = math.inf,
+        scale: FloatArray = IN_THE_AIR,
+        instead: Mapping[int, Track] | None = None,
+    ) -> list[Conflict]:
+        """Return who would come too near to robot index on a track, the first at first.
+
+        Those that are too near already count only where they come nearer still.
+
+        Args:
+            index: which robot.
+            track: where it would be.
+            until: s, until when.
+            scale: how distances from it count.
+            instead: where some of the others would be instead.
+        """
+        found = [
+            (other, there)
+            for other, there in self._candidates(index, track, instead or {})
+            if (scale * there.scale < 1.0).any()
+        ]
+        if not found:
+            return []
+        tracks = [there.track for _, there in found]
+        scales = np.array([np.maximum(scale, there.scale) for _, there in found])
+        apart = (track.at(self.now) - np.array([theirs.at(self.now) for theirs in tracks])) * scales
+        least = np.minimum(self.required, np.sqrt((apart * apart).sum(axis=1)) - 2.0 * TOLERANCE)
+        distance, time = closest(track, tracks, scales, least + TOLERANCE, self.now, until)
+        conflicts = [
+            Conflict(found[i][0], float(distance[i]), float(time[i]), found[i][1].rests)
+            for i in map(int, np.flatnonzero(distance < least))
+        ]
+        return sorted(conflicts, key=lambda conflict: conflict.time)
+
+    def _candidates(self, index: int, track: Track, instead: Mapping[int, Track]) -> Iterator[tuple[int, Presence]]:
+        """Yield those whose surroundings touch those of a track, and all that would be elsewhere."""
+        places = self.places()
+        low, high = places.copy(), places
+        flying = np.flatnonzero((self._supervisor.mode == Mode.FLY.value) & ~np.isnan(self._low[:, 0]))
+        low[flying], high[flying] = self._low[flying], self._high[flying]
+        gap = np.maximum(track.low.min(axis=0) - high, low - track.high.max(axis=0))
+        near = ((np.maximum(gap, 0.0) * IN_THE_AIR) ** 2).sum(axis=1) < self.required**2  # unknown places are not
+        for other in map(int, np.flatnonzero(near)):
+            there = self.presence(other) if other != index and other not in instead else None
+            if there is not None:
+                yield other, there
+        yield from ((other, Presence(theirs, IN_THE_AIR, False)) for other, theirs in instead.items() if other != index)
+
+    def ends(self, index: int) -> list[End]:
+        """Return where a robot will stay, or may."""
+        mode, ends, there = self.mode(index), [], self.presence(index)
+        goal = self._guidance.goal(index) if index < self.count and self._supervisor.requested[index] else None
+        if goal is not None and mode not in AIRBORNE:
+            ends.append(End(goal, IN_THE_AIR, "goes"))
+        if there is None or (mode is Mode.IDLE and index < self.count and there.scale is IN_THE_AIR):
+            return ends  # somebody else flies it, who knows where
+        if mode is Mode.FLY and self._guidance.landing[index]:
+            ground = np.array([*there.track.end[:2], self._guidance.ground[index]])
+            return [*ends, End(ground, STANDING, "lands")]
+        does = "stands" if there.scale is STANDING else "rests" if there.rests else "goes"
+        return [*ends, End(there.track.end, there.scale, does)]

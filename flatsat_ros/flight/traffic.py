@@ -1,0 +1,432 @@
+"""Drones of one controller keep out of each other's way: what is refused, what waits, and who yields.
+
+- A goal too near to where another drone rests, stands, lands or goes is refused. If only the way there is not clear,
+  the goal waits until it is; until then the drone does as before, stays on the ground, or ends its landing. It does not
+  wait longer than `_PATIENCE` for drones that rest. Drones that wait for each other set out together if that is clear.
+- A take-off or a landing whose way is not clear is refused; drones on the move make room for one that lands. A
+  trajectory that comes near another reference on the move is refused. Drones that rest in the way of one, and are not
+  near yet, may still be given trajectories of their own: those of a swap come one after the other.
+- References change by themselves, too, as when they wait for a drone to climb. So if two come too near within
+  `_FORESIGHT`, the drone whose reference is younger brakes and waits; if that one rests, the other does.
+- Drones that are measured nearer than the separation both brake; the one whose reference is older then goes on when its
+  way is clear.
+
+With `goal_mode: step` references jump, as in the paper: nothing is refused and nobody brakes, but it is told.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.errors import refusal
+from flatsat_ros.flight.guidance import Guidance
+from flatsat_ros.flight.neighbours import Conflict, Neighbours
+from flatsat_ros.flight.policy import GoalMode, Policy
+from flatsat_ros.flight.separation import DOWNWASH, IN_THE_AIR, Track, near_pairs
+from flatsat_ros.flight.supervisor import AIRBORNE, Mode, Supervisor, Transition
+from flatsat_ros.flight.tick import Report
+from flatsat_ros.flight.trajectory import Trajectory
+
+# references that come too near within this time, s, are not flown: at 1 m/s a path needs 2.2 s to brake
+_FORESIGHT = 2.5
+# within this time, s, a trajectory must not come near a drone at rest; so long the trajectories of others may take
+_SOON = 0.5
+# a goal waits so long, s, for drones that rest in its way
+_PATIENCE = 10.0
+# between two looks at what waits, or may come near, s; at most so many of each are looked at each time
+_LOOK_PERIOD = 0.1
+_LOOKS = 4
+# between two looks whether drones that wait for each other can set out together, s, and how many of them at most
+_TOGETHER_PERIOD = 0.5
+_TOGETHER = 6
+# drones are measured at least so often, s, and until then change their speed by less than this, m/s
+_MEASURE_PERIOD = 0.25
+_SPEED_CHANGE = 1.0
+# drones that have been too near are told again when they have been farther apart than that by this, m
+_APART = 0.05
+# a drone less than this above its ground, m, does not brake: it would stay there with its motors on
+_NEAR_GROUND = 0.2
+
+
+@dataclass
+class _Wanted:
+    """A goal that waits.
+
+    Attributes:
+        goal: (3,) m.
+        yaw: rad.
+        stuck: s, since when all that are in its way rest; infinite if one does not.
+        tried: s, when its way was looked at last.
+    """
+
+    goal: FloatArray
+    yaw: float
+    stuck: float = math.inf
+    tried: float = -math.inf
+
+
+class Traffic:
+    """Who goes where among N drones and M other robots, numbered from N on."""
+
+    def __init__(
+        self, policy: Policy, guidance: Guidance, supervisor: Supervisor, names: Sequence[str], others: Sequence[str]
+    ) -> None:
+        """Begin with nobody on the way.
+
+        Args:
+            policy: the figures.
+            guidance: gives the drones their references.
+            supervisor: knows the drones' modes.
+            names: of the N drones, for people.
+            others: of the M robots of which nothing but poses is known.
+        """
+        self._policy, self._guidance, self._supervisor = policy, guidance, supervisor
+        self._neighbours = Neighbours(policy, guidance, supervisor, names, others)
+        self._steps = policy.goal_mode is GoalMode.STEP
+        self._alone = len(names) + len(others) < 2
+        # running number of each newest reference, and when it was given, s; robots that others fly have the oldest
+        self._given, self._given_at = np.zeros(len(names) + len(others)), np.full(len(names), -math.inf)
+        self._waiting: dict[int, _Wanted] = {}
+        self._changed: set[int] = set()
+        self._suspects: set[tuple[int, int]] = set()  # pairs whose references will come too near
+        self._warned: set[tuple[int, int]] = set()  # of those, the ones that nobody can brake
+        self._near: set[tuple[int, int]] = set()  # pairs that are too near, and were told
+        self._brakes: dict[int, Trajectory | None] = {}  # the references of those that were made to brake
+        self._reports: list[Report] = []
+        self._measured = self._looked = self._joined = self._due = -math.inf  # when to look again, s
+        self._stale = np.zeros(len(others), dtype=bool)
+
+    def is_due(self, now: float, state: FloatArray, usable: np.ndarray) -> bool:
+        """Take note of a tick; tell whether there is something to look at.
+
+        Args:
+            now: s.
+            state: (N, 6) m, m/s.
+            usable: (N,) whose state is known.
+        """
+        there = self._neighbours
+        there.now, there.state, there.usable = now, state, usable
+        return not self._alone and (now >= self._due or bool(self._guidance.changed))
+
+    def set_clock_back(self) -> None:
+        """Look again at once: the clock was set back."""
+        self._measured = self._looked = self._joined = self._due = -math.inf
+
+    def see(self, other: int, position: ArrayLike, now: float) -> None:
+        """Take note of where the other robot `other`, from 0 on, is seen: (3,) m, at a time, s."""
+        if np.isfinite(position).all():
+            self._neighbours.seen[other], self._neighbours.seen_at[other] = position, now
+
+    def reports(self) -> list[Report]:
+        """Return what people should know since the last call."""
+        reports, self._reports = self._reports, []
+        return reports
+
+    def admit_goal(self, index: int, position: ArrayLike, yaw: float) -> bool:
+        """Give drone index a goal (3,), m, with a yaw, rad; tell whether it may set out now.
+
+        Raises:
+            FlatsatError: the goal is outside the box, or too near to where another drone will be.
+        """
+        goal = self._guidance.require_inside(position, "the goal")
+        self._require_free(index, goal)
+        conflicts = self._on_way(index, goal)
+        self._number(index)
+        if not conflicts:
+            self._tell_who_leaves(index, goal)
+            self._guidance.go_to(index, goal, yaw)
+            return True
+        self._wait(index, _Wanted(goal.copy(), yaw), conflicts[0])
+        mode = self._neighbours.mode(index)
+        if mode is Mode.FLY and self._guidance.landing[index]:
+            self._guidance.brake(index, self._neighbours.now)
+        if mode is not Mode.IDLE or not self._neighbours.is_high(index):
+            return False
+        self._guidance.stop(index)  # somebody let go of it in the air: it is held until its way is clear
+        return True
+
+    def admit_take_off(self, index: int, place: ArrayLike, yaw: float) -> None:
+        """Give drone index a goal (3,), m, straight above it.
+
+        Raises:
+            FlatsatError: the goal is outside the box, or another drone is too near to it or to the way there.
+        """
+        goal = self._guidance.require_inside(place, "the goal")
+        self._require_free(index, goal)
+        self._require_clear(self._on_way(index, goal))
+        self._number(index)
+        self._guidance.go_to(index, goal, yaw)
+
+    def admit_landing(self, index: int) -> None:
+        """Let drone index land where it is; others on the move make room.
+
+        Raises:
+            FlatsatError: another drone rests, stands or lands there.
+        """
+        if self._neighbours.mode(index) is Mode.FLY and self._must_check():
+            track = Track(self._guidance.way(index, None, self._neighbours.now))
+            self._require_clear([conflict for conflict in self._neighbours.conflicts(index, track) if conflict.rests])
+        self.withdraw(index)
+
+    def admit_trajectory(self, index: int, trajectory: Trajectory) -> None:
+        """Give drone index a trajectory.
+
+        Raises:
+            FlatsatError: it leaves the box or no margin inside the input set, or comes too near to another drone.
+        """
+        if self._must_check():
+            track, now = Track(trajectory), self._neighbours.now
+            conflicts = self._neighbours.conflicts(index, track)
+            self._require_clear([conflict for conflict in conflicts if not conflict.rests])
+            if conflicts:
+                self._require_clear(self._neighbours.conflicts(index, track, now + _SOON))
+        self._guidance.follow(index, trajectory)
+        self._number(index)
+
+    def withdraw(self, index: int) -> None:
+        """Let no goal of drone index wait any longer; a landing and a disarming do that by themselves."""
+        self._waiting.pop(index, None)
+
+    def follow(self, transitions: Sequence[Transition]) -> None:
+        """Take note of changed modes: what waits for a drone that has come down is forgotten."""
+        for index, before, after, _ in transitions:
+            self._changed.add(index)
+            if before in AIRBORNE and after not in AIRBORNE:
+                self.withdraw(index)
+
+    def look(self) -> list[int]:
+        """Look who may come near whom, and let drones brake; return whose goals need not wait any longer."""
+        now, begun = self._neighbours.now, []
+        self._changed |= self._neighbours.take_references()
+        self._tell_stale()
+        if now >= self._measured:
+            self._measure()
+        if now >= self._looked and not self._steps:
+            self._looked = now + _LOOK_PERIOD
+            for index in sorted(self._changed)[:_LOOKS]:
+                self._suspect(index)
+            for pair in sorted(self._suspects):
+                self._foresee(pair)
+            self._warned &= self._suspects
+            waiting = sorted(self._waiting, key=lambda i: (self._waiting[i].tried, self._given[i]))
+            begun = [index for index in waiting[:_LOOKS] if self._retry(index)]
+            if not begun and now >= self._joined:
+                self._joined = now + _TOGETHER_PERIOD
+                begun = self._set_out_together()
+        busy = not self._steps and (self._changed or self._suspects or self._waiting)
+        self._due = min(self._measured, self._looked) if busy else self._measured
+        return begun
+
+    def _must_check(self) -> bool:
+        """Tell whether references are checked; take the newest if they are."""
+        if self._alone or self._steps:
+            return False
+        self._changed |= self._neighbours.take_references()
+        return True
+
+    def _number(self, index: int) -> None:
+        """Note that drone index has a new reference."""
+        self.withdraw(index)
+        self._given[index], self._given_at[index] = self._given.max() + 1.0, self._neighbours.now
+        self._due = -math.inf
+
+    def _on_way(self, index: int, goal: FloatArray) -> list[Conflict]:
+        """Return who is in the way of drone index to a goal (3,), m; nobody if its own place is not known."""
+        there = self._neighbours
+        known = there.mode(index) is Mode.FLY or there.usable[index]
+        return there.conflicts(index, self._way(index, goal)) if self._must_check() and known else []
+
+    def _way(self, index: int, goal: FloatArray) -> Track:
+        """Return the way of drone index to a goal (3,), m."""
+        there = self._neighbours
+        state = None if there.mode(index) is Mode.FLY else there.state[index]
+        return Track(self._guidance.way(index, goal, there.now, state))
+
+    def _require_free(self, index: int, goal: FloatArray) -> None:
+        """Refuse a goal (3,), m, of drone index too near to where another one will be in the end.
+
+        Raises:
+            FlatsatError: names the other one and the distance.
+        """
+        if not self._must_check():
+            return
+        there = self._neighbours
+        for other, name in enumerate(there.names):
+            ends = [(end.place, end.scale, end.does) for end in there.ends(other)] if other != index else []
+            if other != index and other in self._waiting:
+                ends.append((self._waiting[other].goal, IN_THE_AIR, "waits to go"))
+            for place, scale, does in ends:
+                apart = float(np.linalg.norm((goal - place) * scale))
+                if apart < there.required:
+                    raise refusal(f"distance of the goal from where {name} {does}", round(apart, 2), "m", there.valid)
+
+    def _tell_who_leaves(self, index: int, goal: FloatArray) -> None:
+        """Tell who is at the goal (3,), m, of drone index and leaves in time: what looks like an error may be one."""
+        if not self._must_check():
+            return
+        there = self._neighbours
+        apart = np.sqrt((((there.places() - goal) * IN_THE_AIR) ** 2).sum(axis=1))
+        apart[index] = np.inf
+        for other in map(int, np.flatnonzero(there.aloft() & (apart < there.required))):
+            self._tell(index, f"its goal is near {there.names[other]}, {apart[other]:.2f} m, which leaves in time")
+
+    def _require_clear(self, conflicts: Sequence[Conflict]) -> None:
+        """Refuse a way with conflicts.
+
+        Raises:
+            FlatsatError: there is one; the text names the other one, the distance and the time.
+        """
+        if conflicts:
+            other, distance, time, _ = conflicts[0]
+            seconds = max(time - self._neighbours.now, 0.0)
+            what = f"distance from {self._neighbours.names[other]} in {seconds:.1f} s"
+            raise refusal(what, round(distance, 2), "m", self._neighbours.valid)
+
+    def _describe(self, conflict: Conflict) -> str:
+        there = self._neighbours
+        seconds = max(conflict.time - there.now, 0.0)
+        name = there.names[conflict.other]
+        return f"it would be {conflict.distance:.2f} m from {name} in {seconds:.1f} s, must be {there.valid}"
+
+    def _tell(self, index: int, text: str) -> None:
+        self._reports.append(Report(index, text))
+        self._due = -math.inf
+
+    def _wait(self, index: int, wanted: _Wanted, conflict: Conflict) -> None:
+        self._waiting[index] = wanted
+        self._tell(index, f"its goal waits until the way is clear: {self._describe(conflict)}")
+
+    def _retry(self, index: int) -> bool:
+        """Give drone index the goal that waits for it if its way is clear now; tell whether it is."""
+        wanted, now, mode = self._waiting[index], self._neighbours.now, self._neighbours.mode(index)
+        wanted.tried = now
+        if not self._supervisor.armed[index] or self._guidance.landing[index]:
+            self.withdraw(index)
+            return False
+        if mode in (Mode.LEVEL, Mode.DESCEND):
+            return False
+        conflicts = self._on_way(index, wanted.goal)
+        if not conflicts:
+            self._set_out(index, "its way is clear: it sets out")
+            return True
+        wanted.stuck = min(wanted.stuck, now) if all(conflict.rests for conflict in conflicts) else math.inf
+        if now - wanted.stuck >= _PATIENCE:
+            self.withdraw(index)
+            self._tell(index, f"its goal is given up, it waited for {_PATIENCE:g} s: {self._describe(conflicts[0])}")
+        return False
+
+    def _set_out_together(self) -> list[int]:
+        """Let drones that wait for each other set out at once, if their ways are clear then; return which."""
+        stuck = [index for index, wanted in self._waiting.items() if math.isfinite(wanted.stuck)]
+        oldest = sorted(stuck, key=lambda i: float(self._given[i]))[:_TOGETHER]
+        ways = {index: self._way(index, self._waiting[index].goal) for index in oldest}
+        while len(ways) > 1:
+            blocked = [i for i, track in ways.items() if self._neighbours.conflicts(i, track, instead=ways)]
+            if not blocked:
+                for index in ways:
+                    self._set_out(index, "its way is clear if others set out as well: it does")
+                return list(ways)
+            del ways[blocked[-1]]
+        return []
+
+    def _set_out(self, index: int, text: str) -> None:
+        """Give drone index the goal that waits for it."""
+        wanted = self._waiting.pop(index)
+        self._guidance.go_to(index, wanted.goal, wanted.yaw)
+        self._tell(index, text)
+
+    def _suspect(self, index: int) -> None:
+        """Find out anew who will come too near to robot index."""
+        self._changed.discard(index)
+        self._suspects = {pair for pair in self._suspects if index not in pair}
+        here = self._neighbours.presence(index)
+        if here is not None:
+            for conflict in self._neighbours.conflicts(index, here.track, scale=here.scale):
+                self._suspects.add((min(index, conflict.other), max(index, conflict.other)))
+
+    def _foresee(self, pair: tuple[int, int]) -> None:
+        """Let one of two robots brake if their references come too near soon; it waits, if it has a goal."""
+        there, now = self._neighbours, self._neighbours.now
+        movers = [index for index in pair if self._moves(index)]
+        if not movers:
+            self._suspects.discard(pair)
+            return
+        brakes = [index for index in movers if not self._keeps_its_way(index)]
+        index = max(brakes or movers, key=lambda i: float(self._given[i]))
+        here = there.presence(index)
+        if here is None or now < self._given_at[index] + _SOON:
+            return
+        conflicts = there.conflicts(index, here.track, now + _FORESIGHT, here.scale)
+        for conflict in (conflict for conflict in conflicts if conflict.other in pair):
+            if not brakes:
+                if pair not in self._warned:
+                    self._tell(index, self._describe(conflict))
+                self._warned.add(pair)
+                continue
+            yaw, goal = float(self._guidance.references.yaw[index]), self._brake(index)
+            if goal is not None:
+                self._wait(index, _Wanted(goal, yaw), conflict)
+            else:
+                self._tell(index, f"it brakes, its trajectory is given up: {self._describe(conflict)}")
+
+    def _moves(self, index: int) -> bool:
+        """Tell whether a robot is a drone with a reference that moves, and is not braking for another drone."""
+        if self._neighbours.mode(index) is not Mode.FLY or self._guidance.references.at_rest[index]:
+            return False
+        brake = self._brakes.get(index)
+        return brake is None or self._guidance.references.trajectory(index) is not brake
+
+    def _keeps_its_way(self, index: int) -> bool:
+        """Tell whether drone index does not brake for others: it lands, or is still near the ground."""
+        low = self._neighbours.state[index, 2] - self._guidance.ground[index] < _NEAR_GROUND
+        return bool(self._guidance.landing[index] or low)
+
+    def _brake(self, index: int) -> FloatArray | None:
+        """Let drone index brake; return the goal (3,), m, to which it was on its way, None for a trajectory."""
+        goal = self._guidance.goal(index)
+        self._guidance.brake(index, self._neighbours.now)
+        self._brakes[index] = self._guidance.references.trajectory(index)
+        return None if goal is None else goal.copy()
+
+    def _tell_stale(self) -> None:
+        """Tell which other robots are not seen any more, or are seen again."""
+        there, most = self._neighbours, self._policy.pose_timeout
+        stale = there.now - there.seen_at > most
+        for other in map(int, np.flatnonzero(stale != self._stale)):
+            name = there.names[there.count + other]
+            lost = f"no pose of {name} for {most:g} s: it is taken to be where it was last"
+            self._tell(0, lost if stale[other] else f"poses of {name} are back")
+        self._stale = stale
+
+    def _measure(self) -> None:
+        """Look who is nearer to whom than the separation, and note when anybody can be next."""
+        there, limit = self._neighbours, self._policy.separation
+        pairs, least = near_pairs(np.nan_to_num(there.places()), there.aloft(), limit + _APART)
+        speed = float(np.abs(there.state[:, 3:]).max(initial=0.0)) + _SPEED_CHANGE
+        self._measured = there.now + min(max((least - limit) / (2.0 * speed), 0.0), _MEASURE_PERIOD)
+        self._near &= {(i, j) for i, j, _ in pairs}
+        for i, j, distance in pairs:
+            if distance < limit and (i, j) not in self._near and i < there.count:
+                self._near.add((i, j))
+                self._part(i, j, distance)
+
+    def _part(self, i: int, j: int, distance: float) -> None:
+        """Let two robots that are too near brake, and the drone whose reference is older go on later."""
+        there, least = self._neighbours, f"at least {self._policy.separation:g} m, {DOWNWASH:g} times that vertically"
+        for index, other in ((i, j), (j, i)):
+            if index >= there.count:
+                continue
+            does = ""
+            if not self._steps and self._moves(index) and not self._keeps_its_way(index):
+                yaw, goal = float(self._guidance.references.yaw[index]), self._brake(index)
+                does = ": it brakes and stays"
+                if goal is not None and self._given[index] < self._given[other]:
+                    self._waiting[index] = _Wanted(goal, yaw)
+                    does = ": it brakes until its way is clear"
+            self._tell(index, f"{distance:.2f} m from {there.names[other]}, must be {least}{does}")
