@@ -100,7 +100,7 @@ def _time(tree: Path, size: int, away: float) -> dict[str, Any]:
     pilot = _name("flight.pilot.Pilot", "core.pilot.Pilot")(
         certificate, tuning, policy(disturbance_max=0.8, **step), size
     )
-    places = [(0.1 * i, 0.0, 1.0) for i in range(size)]
+    places = [(i % 10 * 1.0, i // 10 * 1.0, 1.0) for i in range(size)]
     for index, (x, y, z) in enumerate(places):
         getattr(pilot, "set_reference", getattr(pilot, "refer", None))(index, hold([x + away, y, z]))
     times = []

@@ -20,6 +20,7 @@ from flatsat_ros.flight.trajectory import Trajectory
 
 # references are this much farther apart than drones must be, m: drones are not exactly on theirs
 _ALLOWANCE = 0.05
+_AIRBORNE = np.array([mode in AIRBORNE for mode in Mode])  # of each mode
 
 
 class Conflict(NamedTuple):
@@ -82,6 +83,8 @@ class Neighbours:
 
     def take_references(self) -> set[int]:
         """Take the references that have changed; return whose."""
+        if not self._guidance.changed:
+            return set()
         changed = set(self._guidance.changed)
         self._guidance.changed.clear()
         for index in changed:
@@ -97,14 +100,16 @@ class Neighbours:
 
     def places(self) -> FloatArray:
         """Return where everybody was measured last, (N + M, 3) m, NaN for unknown."""
-        own = np.where(self.usable[:, np.newaxis], self.state[:, :3], np.nan)
-        return np.concatenate([own, self.seen])
+        own = self.state[:, :3]
+        if np.count_nonzero(self.usable) < self.count:
+            own = np.where(self.usable[:, np.newaxis], own, np.nan)
+        return np.concatenate([own, self.seen]) if self.seen.size else own
 
     def aloft(self) -> np.ndarray:
         """Tell who is in the air, (N + M,): by the mode and well above its ground, others by their height."""
         high = self.state[:, 2] - self._guidance.ground >= STANDING_HEIGHT
-        own = np.isin(self._supervisor.mode, AIRBORNE) & self.usable & high
-        return np.concatenate([own, self.seen[:, 2] >= self._standing])
+        own = np.asarray(_AIRBORNE[self._supervisor.mode] & self.usable & high)
+        return np.concatenate([own, self.seen[:, 2] >= self._standing]) if self.seen.size else own
 
     def is_high(self, index: int) -> bool:
         """Tell whether a robot is measured so high that it does not stand."""
@@ -121,6 +126,17 @@ class Neighbours:
             return None
         in_the_air = mode in AIRBORNE or bool(place[2] >= self._standing)
         return Presence(Track(Trajectory.hold(place)), IN_THE_AIR if in_the_air else STANDING, True)
+
+    def way(self, index: int, goal: FloatArray | None) -> Track:
+        """Return the way of drone index from now on to a goal (3,), m; None to land where it is."""
+        state = None if self.mode(index) is Mode.FLY else self.state[index]
+        return Track(self._guidance.way(index, goal, self.now, state))
+
+    def describe(self, conflict: Conflict) -> str:
+        """Return a conflict in words."""
+        seconds = max(conflict.time - self.now, 0.0)
+        name = self.names[conflict.other]
+        return f"it would be {conflict.distance:.2f} m from {name} in {seconds:.1f} s, must be {self.valid}"
 
     def conflicts(
         self,

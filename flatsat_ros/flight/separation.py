@@ -175,9 +175,10 @@ def near_pairs(places: FloatArray, aloft: np.ndarray, limit: float) -> tuple[lis
     if flying.size < 2:
         return [], math.inf
     scaled = places[flying] * IN_THE_AIR
-    square = (scaled * scaled).sum(axis=1)
-    apart = square[:, np.newaxis] + square - 2.0 * (scaled @ scaled.T)
-    apart.flat[:: flying.size + 1] = math.inf
+    products = scaled @ scaled.T
+    square = products.diagonal()
+    apart = square[:, np.newaxis] + square - 2.0 * products
+    apart.ravel()[:: flying.size + 1] = math.inf
     least = math.sqrt(max(float(apart.min()), 0.0))
     if least >= limit:
         return [], least

@@ -322,9 +322,9 @@ class Supervisor:
 
     def call_off(self, index: int) -> bool:
         """Forget the reference of drone index unless it is in the air; return whether there was one to forget."""
-        forgets = bool(self._requested[index]) and self.mode[index] not in AIRBORNE
+        forgets = bool(self.requested[index]) and self.mode[index] not in AIRBORNE
         if forgets:
-            self._requested[index] = False
+            self.requested[index] = False
         return forgets
 
     def release(self, index: int) -> None:

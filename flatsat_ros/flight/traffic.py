@@ -1,8 +1,8 @@
 """Drones of one controller keep out of each other's way: what is refused, what waits, and who yields.
 
 - A goal too near to where another drone rests, stands, lands or goes is refused. If only the way there is not clear,
-  the goal waits until it is; until then the drone does as before, stays on the ground, or ends its landing. It does not
-  wait longer than `_PATIENCE` for drones that rest. Drones that wait for each other set out together if that is clear.
+  the goal waits until it is (`flight.waiting`); until then the drone does as before, stays on the ground, or ends its
+  landing.
 - A take-off or a landing whose way is not clear is refused; drones on the move make room for one that lands. A
   trajectory that comes near another reference on the move is refused. Drones that rest in the way of one, and are not
   near yet, may still be given trajectories of their own: those of a swap come one after the other.
@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,43 +31,22 @@ from flatsat_ros.flight.separation import DOWNWASH, IN_THE_AIR, Track, near_pair
 from flatsat_ros.flight.supervisor import AIRBORNE, Mode, Supervisor, Transition
 from flatsat_ros.flight.tick import Report
 from flatsat_ros.flight.trajectory import Trajectory
+from flatsat_ros.flight.waiting import Waiting
 
 # references that come too near within this time, s, are not flown: at 1 m/s a path needs 2.2 s to brake
 _FORESIGHT = 2.5
 # within this time, s, a trajectory must not come near a drone at rest; so long the trajectories of others may take
 _SOON = 0.5
-# a goal waits so long, s, for drones that rest in its way
-_PATIENCE = 10.0
-# between two looks at what waits, or may come near, s; at most so many of each are looked at each time
+# between two looks at what waits, or may come near, s; at most so many changed references are looked at each time
 _LOOK_PERIOD = 0.1
 _LOOKS = 4
-# between two looks whether drones that wait for each other can set out together, s, and how many of them at most
-_TOGETHER_PERIOD = 0.5
-_TOGETHER = 6
-# drones are measured at least so often, s, and until then change their speed by less than this, m/s
-_MEASURE_PERIOD = 0.25
+# shortest and longest time between two looks at who is near whom, s; drones change their speed by less until then, m/s
+_MEASURE_PERIODS = (0.05, 0.5)
 _SPEED_CHANGE = 1.0
 # drones that have been too near are told again when they have been farther apart than that by this, m
 _APART = 0.05
 # a drone less than this above its ground, m, does not brake: it would stay there with its motors on
 _NEAR_GROUND = 0.2
-
-
-@dataclass
-class _Wanted:
-    """A goal that waits.
-
-    Attributes:
-        goal: (3,) m.
-        yaw: rad.
-        stuck: s, since when all that are in its way rest; infinite if one does not.
-        tried: s, when its way was looked at last.
-    """
-
-    goal: FloatArray
-    yaw: float
-    stuck: float = math.inf
-    tried: float = -math.inf
 
 
 class Traffic:
@@ -92,14 +70,14 @@ class Traffic:
         self._alone = len(names) + len(others) < 2
         # running number of each newest reference, and when it was given, s; robots that others fly have the oldest
         self._given, self._given_at = np.zeros(len(names) + len(others)), np.full(len(names), -math.inf)
-        self._waiting: dict[int, _Wanted] = {}
+        self._waiting = Waiting(guidance, supervisor, self._neighbours)
         self._changed: set[int] = set()
         self._suspects: set[tuple[int, int]] = set()  # pairs whose references will come too near
         self._warned: set[tuple[int, int]] = set()  # of those, the ones that nobody can brake
         self._near: set[tuple[int, int]] = set()  # pairs that are too near, and were told
         self._brakes: dict[int, Trajectory | None] = {}  # the references of those that were made to brake
         self._reports: list[Report] = []
-        self._measured = self._looked = self._joined = self._due = -math.inf  # when to look again, s
+        self._measured = self._looked = self._due = -math.inf  # when to look again, s
         self._stale = np.zeros(len(others), dtype=bool)
 
     def is_due(self, now: float, state: FloatArray, usable: np.ndarray) -> bool:
@@ -116,7 +94,8 @@ class Traffic:
 
     def set_clock_back(self) -> None:
         """Look again at once: the clock was set back."""
-        self._measured = self._looked = self._joined = self._due = -math.inf
+        self._measured = self._looked = self._due = -math.inf
+        self._waiting.set_clock_back()
 
     def see(self, other: int, position: ArrayLike, now: float) -> None:
         """Take note of where the other robot `other`, from 0 on, is seen: (3,) m, at a time, s."""
@@ -125,7 +104,8 @@ class Traffic:
 
     def reports(self) -> list[Report]:
         """Return what people should know since the last call."""
-        reports, self._reports = self._reports, []
+        reports, self._reports = self._reports + self._waiting.reports, []
+        self._waiting.reports = []
         return reports
 
     def admit_goal(self, index: int, position: ArrayLike, yaw: float) -> bool:
@@ -142,7 +122,7 @@ class Traffic:
             self._tell_who_leaves(index, goal)
             self._guidance.go_to(index, goal, yaw)
             return True
-        self._wait(index, _Wanted(goal.copy(), yaw), conflicts[0])
+        self._wait(index, goal.copy(), yaw, conflicts[0])
         mode = self._neighbours.mode(index)
         if mode is Mode.FLY and self._guidance.landing[index]:
             self._guidance.brake(index, self._neighbours.now)
@@ -190,8 +170,8 @@ class Traffic:
         self._number(index)
 
     def withdraw(self, index: int) -> None:
-        """Let no goal of drone index wait any longer; a landing and a disarming do that by themselves."""
-        self._waiting.pop(index, None)
+        """Let no goal of drone index wait any longer; landings and disarming do that by themselves."""
+        self._waiting.withdraw(index)
 
     def follow(self, transitions: Sequence[Transition]) -> None:
         """Take note of changed modes: what waits for a drone that has come down is forgotten."""
@@ -214,12 +194,8 @@ class Traffic:
             for pair in sorted(self._suspects):
                 self._foresee(pair)
             self._warned &= self._suspects
-            waiting = sorted(self._waiting, key=lambda i: (self._waiting[i].tried, self._given[i]))
-            begun = [index for index in waiting[:_LOOKS] if self._retry(index)]
-            if not begun and now >= self._joined:
-                self._joined = now + _TOGETHER_PERIOD
-                begun = self._set_out_together()
-        busy = not self._steps and (self._changed or self._suspects or self._waiting)
+            begun = self._waiting.look()
+        busy = not self._steps and (self._changed or self._suspects or self._waiting.goals)
         self._due = min(self._measured, self._looked) if busy else self._measured
         return begun
 
@@ -240,13 +216,7 @@ class Traffic:
         """Return who is in the way of drone index to a goal (3,), m; nobody if its own place is not known."""
         there = self._neighbours
         known = there.mode(index) is Mode.FLY or there.usable[index]
-        return there.conflicts(index, self._way(index, goal)) if self._must_check() and known else []
-
-    def _way(self, index: int, goal: FloatArray) -> Track:
-        """Return the way of drone index to a goal (3,), m."""
-        there = self._neighbours
-        state = None if there.mode(index) is Mode.FLY else there.state[index]
-        return Track(self._guidance.way(index, goal, there.now, state))
+        return there.conflicts(index, there.way(index, goal)) if self._must_check() and known else []
 
     def _require_free(self, index: int, goal: FloatArray) -> None:
         """Refuse a goal (3,), m, of drone index too near to where another one will be in the end.
@@ -259,8 +229,8 @@ class Traffic:
         there = self._neighbours
         for other, name in enumerate(there.names):
             ends = [(end.place, end.scale, end.does) for end in there.ends(other)] if other != index else []
-            if other != index and other in self._waiting:
-                ends.append((self._waiting[other].goal, IN_THE_AIR, "waits to go"))
+            if other != index and other in self._waiting.goals:
+                ends.append((self._waiting.goals[other], IN_THE_AIR, "waits to go"))
             for place, scale, does in ends:
                 apart = float(np.linalg.norm((goal - place) * scale))
                 if apart < there.required:
@@ -288,58 +258,13 @@ class Traffic:
             what = f"distance from {self._neighbours.names[other]} in {seconds:.1f} s"
             raise refusal(what, round(distance, 2), "m", self._neighbours.valid)
 
-    def _describe(self, conflict: Conflict) -> str:
-        there = self._neighbours
-        seconds = max(conflict.time - there.now, 0.0)
-        name = there.names[conflict.other]
-        return f"it would be {conflict.distance:.2f} m from {name} in {seconds:.1f} s, must be {there.valid}"
-
     def _tell(self, index: int, text: str) -> None:
         self._reports.append(Report(index, text))
         self._due = -math.inf
 
-    def _wait(self, index: int, wanted: _Wanted, conflict: Conflict) -> None:
-        self._waiting[index] = wanted
-        self._tell(index, f"its goal waits until the way is clear: {self._describe(conflict)}")
-
-    def _retry(self, index: int) -> bool:
-        """Give drone index the goal that waits for it if its way is clear now; tell whether it is."""
-        wanted, now, mode = self._waiting[index], self._neighbours.now, self._neighbours.mode(index)
-        wanted.tried = now
-        if not self._supervisor.armed[index] or self._guidance.landing[index]:
-            self.withdraw(index)
-            return False
-        if mode in (Mode.LEVEL, Mode.DESCEND):
-            return False
-        conflicts = self._on_way(index, wanted.goal)
-        if not conflicts:
-            self._set_out(index, "its way is clear: it sets out")
-            return True
-        wanted.stuck = min(wanted.stuck, now) if all(conflict.rests for conflict in conflicts) else math.inf
-        if now - wanted.stuck >= _PATIENCE:
-            self.withdraw(index)
-            self._tell(index, f"its goal is given up, it waited for {_PATIENCE:g} s: {self._describe(conflicts[0])}")
-        return False
-
-    def _set_out_together(self) -> list[int]:
-        """Let drones that wait for each other set out at once, if their ways are clear then; return which."""
-        stuck = [index for index, wanted in self._waiting.items() if math.isfinite(wanted.stuck)]
-        oldest = sorted(stuck, key=lambda i: float(self._given[i]))[:_TOGETHER]
-        ways = {index: self._way(index, self._waiting[index].goal) for index in oldest}
-        while len(ways) > 1:
-            blocked = [i for i, track in ways.items() if self._neighbours.conflicts(i, track, instead=ways)]
-            if not blocked:
-                for index in ways:
-                    self._set_out(index, "its way is clear if others set out as well: it does")
-                return list(ways)
-            del ways[blocked[-1]]
-        return []
-
-    def _set_out(self, index: int, text: str) -> None:
-        """Give drone index the goal that waits for it."""
-        wanted = self._waiting.pop(index)
-        self._guidance.go_to(index, wanted.goal, wanted.yaw)
-        self._tell(index, text)
+    def _wait(self, index: int, goal: FloatArray, yaw: float, conflict: Conflict) -> None:
+        self._waiting.put(index, goal, yaw, self._given[index])
+        self._tell(index, f"its goal waits until the way is clear: {self._neighbours.describe(conflict)}")
 
     def _suspect(self, index: int) -> None:
         """Find out anew who will come too near to robot index."""
@@ -366,14 +291,14 @@ class Traffic:
         for conflict in (conflict for conflict in conflicts if conflict.other in pair):
             if not brakes:
                 if pair not in self._warned:
-                    self._tell(index, self._describe(conflict))
+                    self._tell(index, self._neighbours.describe(conflict))
                 self._warned.add(pair)
                 continue
             yaw, goal = float(self._guidance.references.yaw[index]), self._brake(index)
             if goal is not None:
-                self._wait(index, _Wanted(goal, yaw), conflict)
+                self._wait(index, goal, yaw, conflict)
             else:
-                self._tell(index, f"it brakes, its trajectory is given up: {self._describe(conflict)}")
+                self._tell(index, f"it brakes, its trajectory is given up: {self._neighbours.describe(conflict)}")
 
     def _moves(self, index: int) -> bool:
         """Tell whether a robot is a drone with a reference that moves, and is not braking for another drone."""
@@ -397,6 +322,8 @@ class Traffic:
     def _tell_stale(self) -> None:
         """Tell which other robots are not seen any more, or are seen again."""
         there, most = self._neighbours, self._policy.pose_timeout
+        if not there.seen.size:
+            return
         stale = there.now - there.seen_at > most
         for other in map(int, np.flatnonzero(stale != self._stale)):
             name = there.names[there.count + other]
@@ -407,9 +334,12 @@ class Traffic:
     def _measure(self) -> None:
         """Look who is nearer to whom than the separation, and note when anybody can be next."""
         there, limit = self._neighbours, self._policy.separation
-        pairs, least = near_pairs(np.nan_to_num(there.places()), there.aloft(), limit + _APART)
+        pairs, least = near_pairs(there.places(), there.aloft(), limit + _APART)
         speed = float(np.abs(there.state[:, 3:]).max(initial=0.0)) + _SPEED_CHANGE
-        self._measured = there.now + min(max((least - limit) / (2.0 * speed), 0.0), _MEASURE_PERIOD)
+        shortest, longest = _MEASURE_PERIODS
+        self._measured = there.now + min(max((least - limit) / (2.0 * speed), shortest), longest)
+        if not (pairs or self._near):
+            return
         self._near &= {(i, j) for i, j, _ in pairs}
         for i, j, distance in pairs:
             if distance < limit and (i, j) not in self._near and i < there.count:
@@ -427,6 +357,6 @@ class Traffic:
                 yaw, goal = float(self._guidance.references.yaw[index]), self._brake(index)
                 does = ": it brakes and stays"
                 if goal is not None and self._given[index] < self._given[other]:
-                    self._waiting[index] = _Wanted(goal, yaw)
+                    self._waiting.put(index, goal, yaw, self._given[index])
                     does = ": it brakes until its way is clear"
             self._tell(index, f"{distance:.2f} m from {there.names[other]}, must be {least}{does}")
