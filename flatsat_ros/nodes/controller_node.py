@@ -34,6 +34,7 @@ from flatsat_ros.nodes.batteries import follow_batteries
 from flatsat_ros.nodes.crazyswarm import SETTLING_TIME, DroneLink
 from flatsat_ros.nodes.flight_report import FlightLog, report_flight
 from flatsat_ros.nodes.last_resort import LastResort
+from flatsat_ros.nodes.other_robots import declare_others, follow_others
 from flatsat_ros.nodes.policy import declare_policy
 from flatsat_ros.nodes.rivals import Rivals
 from flatsat_ros.nodes.ros import cdr, interfaces, messages
@@ -94,8 +95,9 @@ class ControllerNode(ProgramNode):
             self, "takeoff_height", 0.5, "how high the takeoff service sends a drone", unit="m", bounds=(0.05, 100.0)
         )
         self._world = declare(self, "world_frame", "world", "frame_id of poses, goals and trajectories").encode()
+        others = declare_others(self, self.robots)
         require_known_parameters(self)
-        self._pilot = Pilot(self._certificate, tuning.tuning(), policy, len(self.robots))
+        self._pilot = Pilot(self._certificate, tuning.tuning(), policy, len(self.robots), self.robots, others)
         tuning.follow(self._pilot.retune)
         SetupReport(self, self._certificate, policy)
 
@@ -115,6 +117,7 @@ class ControllerNode(ProgramNode):
         for index, robot in enumerate(self.robots):
             self._connect(index, robot)
         follow_batteries(self, self.robots, self._take_voltage)
+        follow_others(self, others, self._world, lambda i, place: self._pilot.traffic.see(i, place, self._stamps.now))
         for robot in (*self.robots, interfaces.ALL):
             self._serve(robot)
         self._links = [DroneLink(self, robot) for robot in self.robots]

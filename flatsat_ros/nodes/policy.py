@@ -20,6 +20,7 @@ _FIGURES = (
     ("speed_max", "largest speed of paths to goals, level and upright", "m/s", Policy.speed_max, (0.05, 10.0)),
     ("floor", "height of the floor", "m", Policy.floor, (-1e3, 1e3)),
     ("ceiling", "largest height of a reference", "m", Policy.ceiling, (-1e3, 1e3)),
+    ("separation", "least distance of two drones, vertically twice as much", "m", Policy.separation, (0.05, 10.0)),
     ("disturbance_max", "largest disturbance that is compensated; 0 is the paper's law", "m/s^2", 0.8, (0.0, 100.0)),
     ("thrust_error_max", "largest error of the thrust that is estimated and corrected; 0: none", "", 0.25, (0.0, 0.5)),
 )

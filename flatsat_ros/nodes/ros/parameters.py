@@ -133,7 +133,7 @@ def declare_robots(node: Node) -> list[Robot]:
     robots = (
         read_crazyflies(path) if path else [Robot(name, "", (float(i), 0.0, 0.0), "") for i, name in enumerate(names)]
     )
-    _require_robot_names([robot.name for robot in robots])
+    require_robot_names([robot.name for robot in robots])
     return robots
 
 
@@ -185,11 +185,11 @@ def declare_robot_name(node: Node, meaning: str) -> str:
         FlatsatError: it is not a ROS name, or means all robots.
     """
     name = declare(node, "robot_name", "cf1", meaning)
-    _require_robot_names([name])
+    require_robot_names([name])
     return name
 
 
-def _require_robot_names(names: Sequence[str]) -> None:
+def require_robot_names(names: Sequence[str]) -> None:
     """Refuse names of robots that cannot be part of a topic name.
 
     Raises:
