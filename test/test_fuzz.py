@@ -24,4 +24,4 @@ def test_bad_input_is_taken_or_refused_and_breaks_nothing(name: str, tmp_path: P
             taken[attempt(data)] += 1
 
         attempt_one()
-    assert min(taken[True], taken[False]) >= 20, "some are taken and some are refused, or the inputs say nothing"
+    assert min(taken[True], taken[False]) >= 10, "some are taken and some are refused, or the inputs say nothing"

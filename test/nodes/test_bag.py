@@ -7,13 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from damage import corrupted, refusal
 from geometry_msgs.msg import PoseStamped
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.nodes.ros import messages
@@ -81,31 +76,6 @@ def test_a_pipe_in_a_bag_is_not_waited_for(bag: Path, name: str) -> None:
     os.mkfifo(bag / name)
     with pytest.raises(FlatsatError, match=rf"{name}: cannot be read: it is a device, pipe or socket"):
         read_bag(str(bag))
-
-
-@pytest.fixture(scope="module", params=["bag.mcap", "bag.db3", "metadata.yaml"])
-def victim(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A file of a bag with three poses."""
-    folder = tmp_path_factory.mktemp("bags") / "bag"
-    plugin = StoragePlugin.SQLITE3 if request.param == "bag.db3" else StoragePlugin.MCAP
-    with Writer(folder, version=9, storage_plugin=plugin) as writer:
-        connection = writer.add_connection("/cf1/pose", KIND, typestore=get_typestore(Stores.ROS2_JAZZY))
-        for number in range(3):
-            entry = recorded("/cf1/pose", number, 1_000 * number, 0.1 * number)
-            writer.write(connection, entry.time, entry.cdr)
-    return folder / request.param
-
-
-@settings(max_examples=100)
-@given(data=st.data())
-def test_a_damaged_bag_is_read_or_refused_in_one_line(victim: Path, data: st.DataObject) -> None:
-    sound = victim.read_bytes()
-    assert len(read_bag(str(victim.parent)).time) == 3
-    victim.write_bytes(data.draw(corrupted(sound)))
-    try:
-        refusal(lambda: read_bag(str(victim.parent)), victim.parent)
-    finally:
-        victim.write_bytes(sound)
 
 
 def test_bytes_that_are_no_pose_are_refused(tmp_path: Path) -> None:

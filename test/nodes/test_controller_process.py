@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import struct
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
@@ -18,129 +18,19 @@ import numpy as np
 import pytest
 import rclpy
 from geometry_msgs.msg import PoseStamped, Twist
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from rclpy.experimental import EventsExecutor
 from rclpy.serialization import deserialize_message, serialize_message
-from std_srvs.srv import SetBool, Trigger
+from room import EPOCH, Room, pose
+from std_srvs.srv import SetBool
 
-from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.crazyflie.vehicle import load_vehicle
-from flatsat_ros.crazyflie.wire import WireSetpoint
-from flatsat_ros.flight.stamps import StampClock
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.controller_node import ControllerNode
-from flatsat_ros.nodes.flight_report import FlightLog
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.diagnostics import Level
 from flatsat_ros.nodes.ros.messages import NANOSECONDS
-from flatsat_ros.sim.fleet import SimulatedFleet
 
 pytestmark = pytest.mark.in_process
-
-EPOCH = 1_700_000_000 * NANOSECONDS
-
-
-class Wire:
-    """Takes the place of a publisher of set-points: hands them to a drone and remembers them."""
-
-    def __init__(self, take: Callable[[WireSetpoint], None]) -> None:
-        self.sent: list[WireSetpoint] = []
-        self._take = take
-
-    def publish(self, message: Twist) -> None:
-        setpoint = messages.command_from_message(message)
-        assert np.isfinite(setpoint).all()
-        self.sent.append(setpoint)
-        self._take(setpoint)
-
-    def wait_for_all_acked(self, _: object) -> bool:
-        return True
-
-
-class Room:
-    """Two simulated drones, 1 m apart, and their controller.
-
-    Attributes:
-        node: the controller.
-        fleet: the drones.
-        set_by: by how much the ROS clock has been set, ns.
-        frame: frame_id of the poses.
-        blind: drones whose poses are not seen.
-    """
-
-    def __init__(self, *arguments: str) -> None:
-        rclpy.init(args=["controller", "--ros-args", "-p", "robot_names:=[cf1, cf2]", *arguments])
-        self.node = ControllerNode()
-        self.fleet = SimulatedFleet(load_vehicle("cf21"), 2, start=[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-        self.period = self.node._certificate.period
-        self._ticks, self.set_by, self.frame, self.blind = 0, 0, "world", set()  # type: ignore[var-annotated]
-        self.node._stamps = StampClock(2, lambda: EPOCH + self.set_by + self._steady(), self._steady)
-        self.node._log = FlightLog(self.node.get_logger(), lambda: self._ticks * self.period)
-        self.node._last_resort._clock = lambda: self._ticks * self.period
-        self.wires = [Wire(lambda s, i=i: self.fleet.command(i, *s)) for i in (0, 1)]  # type: ignore[misc]
-        self.node._command_publishers = self.wires  # type: ignore[assignment]
-        self._callbacks = {s.topic_name: s.callback for s in self.node.subscriptions}
-
-    def _steady(self) -> int:
-        return round(self._ticks * self.period * NANOSECONDS)
-
-    @property
-    def modes(self) -> list[Mode]:
-        return [Mode(mode) for mode in self.node._pilot.mode]
-
-    def deliver(self, topic: str, data: Any) -> None:
-        """Hand a message to the controller: its bytes, or itself where it is read with its fields."""
-        self._callbacks[f"/{topic}"](data)
-
-    def goal(self, robot: str, *position: float) -> None:
-        message = PoseStamped()
-        messages.fill_pose(message, 0, position, (0.0, 0.0, 0.0, 1.0))
-        self.deliver(f"{robot}/goal_pose", serialize_message(message))
-
-    def ask(self, name: str, kind: type[Any] = Trigger, **fields: object) -> Any:
-        """Call a service of the controller."""
-        (serve,) = [s.callback for s in self.node.services if s.srv_name == name]
-        return serve(kind.Request(**fields), kind.Response())
-
-    def run(self, seconds: float) -> np.ndarray:
-        """Let time pass; return the drones' heights (M, 2), m, at the ticks."""
-        heights = []
-        for _ in range(round(seconds / self.period)):
-            self._ticks += 1
-            now = self._ticks * self.period
-            self.fleet.advance_to(now)
-            for sample in self.fleet.measurements(now):
-                if sample.drone not in self.blind:
-                    message = PoseStamped()
-                    message.header.frame_id = self.frame
-                    stamp = EPOCH + self.set_by + round(sample.stamp * NANOSECONDS)
-                    messages.fill_pose(message, stamp, sample.position, sample.quaternion)
-                    self.deliver(f"cf{sample.drone + 1}/pose", serialize_message(message))
-            self.node._on_tick()
-            heights.append(self.fleet.bodies.position[:, 2].copy())
-        return np.array(heights)
-
-    def hover(self, *robots: str) -> None:
-        """Take drones up to 1 m."""
-        self.run(0.5)
-        for robot in robots:
-            self.goal(robot, float(robot == "cf2"), 0.0, 1.0)
-        self.run(6.0)
-        assert all(abs(self.fleet.bodies.position[int(robot[2]) - 1, 2] - 1.0) < 0.1 for robot in robots)
-
-    def impact(self, seconds: float) -> list[float]:
-        """Let time pass until both drones stand; return how fast each came down at last, m/s."""
-        speeds = [0.0, 0.0]
-        for _ in range(round(seconds / self.period)):
-            falling = -self.fleet.bodies.velocity[:, 2]
-            self.run(self.period)
-            for drone in (0, 1):
-                if not self.fleet.bodies.grounded[drone]:
-                    speeds[drone] = float(falling[drone])
-        assert self.fleet.bodies.grounded.all()
-        return speeds
 
 
 @pytest.fixture
@@ -156,13 +46,6 @@ def room() -> Iterator[Callable[..., Room]]:
     for each in made:
         each.node.destroy_node()
     rclpy.try_shutdown()
-
-
-def pose(position: Sequence[float], quaternion: Sequence[float], frame: str = "world", stamp: int = 0) -> bytes:
-    message = PoseStamped()
-    message.header.frame_id = frame
-    messages.fill_pose(message, stamp, position, quaternion)
-    return serialize_message(message)
 
 
 LATER = EPOCH + 7 * NANOSECONDS
@@ -214,46 +97,6 @@ def test_what_one_drone_is_sent_does_not_touch_another(room: Callable[..., Room]
         assert lab.wires[1].sent == quiet.wires[1].sent[: len(lab.wires[1].sent)], name
     assert [len(wire.sent) for wire in lab.wires] == [len(wire.sent) for wire in quiet.wires]
     assert not lab.node.faults.count("cf2")
-
-
-PATH = Trajectory.through([0.0, 2.0], [[0.0, 0.0, 1.0], [0.3, 0.0, 1.0]], np.zeros((2, 3)), np.zeros((2, 3)))
-GOOD = {
-    "pose": pose(PLACE, UP, stamp=LATER),
-    "goal_pose": pose(PLACE, UP),
-    "trajectory": serialize_message(messages.message_from_trajectory(PATH, 0)),
-}
-# of bytes, those that make numbers extreme
-BYTES = st.sampled_from([0x00, 0x01, 0x7F, 0x80, 0xF0, 0xFF]) | st.integers(0, 255)
-DAMAGE = st.lists(st.tuples(st.integers(0, 1000), BYTES), min_size=1, max_size=6)
-
-
-def test_a_damaged_message_is_refused_or_harmless(room: Callable[..., Room], monkeypatch: pytest.MonkeyPatch) -> None:
-    lab = room("-p", "certificate:=cf21_50hz")
-    lab.hover("cf1", "cf2")
-    failed: list[Exception] = []
-    note = lab.node.faults.note
-
-    def remember(name: str, error: Exception) -> None:
-        note(name, error)
-        if not isinstance(error, FlatsatError):
-            failed.append(error)
-
-    monkeypatch.setattr(lab.node.faults, "note", remember)
-
-    @settings(max_examples=200)
-    @given(st.sampled_from(sorted(GOOD)), DAMAGE, st.none() | st.integers(0, 400))
-    def damage(topic: str, changes: list[tuple[int, int]], length: int | None) -> None:
-        data = bytearray(GOOD[topic])
-        for place, value in changes:
-            data[place % len(data)] = value
-        lab.deliver(f"cf1/{topic}", bytes(data[:length]))
-        lab.run(2.0 * lab.period)
-        assert not failed
-        assert lab.modes[1] is Mode.FLY
-        assert lab.fleet.bodies.position[1] == pytest.approx((1.0, 0.0, 1.0), abs=0.1)
-
-    damage()
-    assert 20 < lab.node.faults.count("cf1") < 190, "some are refused, and some are not"
 
 
 def test_the_name_of_another_frame_is_told_and_may_be_made_ours(

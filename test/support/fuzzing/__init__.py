@@ -18,6 +18,10 @@ MODULES = {
     "crazyflies": ("crazyflies", ""),
     "recording": ("recording", ""),
     "waypoints": ("waypoints", "scipy"),
+    "mcap": ("bag", "rclpy"),
+    "db3": ("bag", "rclpy"),
+    "metadata": ("bag", "rclpy"),
+    "cdr": ("cdr", "rclpy"),
 }
 
 
