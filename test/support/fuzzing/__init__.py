@@ -22,6 +22,7 @@ MODULES = {
     "db3": ("bag", "rclpy"),
     "metadata": ("bag", "rclpy"),
     "cdr": ("cdr", "rclpy"),
+    "controller": ("controller", "rclpy"),
 }
 
 

@@ -21,7 +21,7 @@ from flatsat_ros.nodes.ros import messages
 from flatsat_ros.nodes.ros.bag import read_bag
 from fuzzing import recording
 from fuzzing.damage import corrupted, damaged
-from fuzzing.kind import Attempt, Kind, require_one_line
+from fuzzing.kind import Attempt, Kind, require_one_line, rewrite
 
 _KIND = "geometry_msgs/msg/PoseStamped"
 _MAGIC = 8  # bytes before the first record of an MCAP file
@@ -123,7 +123,7 @@ def _open(folder: Path, *, bag: str, victim: str) -> Iterator[Attempt]:
         (path / name).write_bytes(content)
 
     def attempt(data: bytes) -> bool:
-        (path / victim).write_bytes(data)
+        rewrite(path / victim, data)
         try:
             content = read_bag(str(path))
         except FlatsatError as refused:

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import math
+import struct
+from collections.abc import Iterator
+from random import Random
+
 from hypothesis import strategies as st
 
 # values that mean something else than they seem to, or break mathematics
@@ -18,7 +23,7 @@ TOKENS = (
 )  # fmt: skip
 
 _EXTREMES = (
-    float("nan"), float("inf"), 0.0, 5e-324, 1e-310, 1e-160, 1e-12, 1.0, 2.0**31, 2.0**53, 1e12, 1e39, 1e155, 1.7e308,
+    math.nan, math.inf, 0.0, 5e-324, 1e-310, 1e-160, 1e-12, 1.0, 2.0**31, 2.0**53, 1e12, 1e39, 1e155, 1.7e308,
 )  # fmt: skip
 # any number that fits into 64 bits, those at the edges more often
 FLOATS = st.sampled_from([sign * value for value in _EXTREMES for sign in (1.0, -1.0)]) | st.floats()
@@ -77,3 +82,40 @@ def _overwritten(draw: st.DrawFn, text: str, whole: bool) -> str:
     else:
         end = start + draw(st.integers(0, 12))
     return text[:start] + draw(st.sampled_from(TOKENS)) + text[end:]
+
+
+_PIECES = [
+    *(token.encode("utf-8", "surrogateescape") for token in TOKENS if len(token) < 100),
+    *(struct.pack(order + "d", sign * value) for value in _EXTREMES for sign in (1.0, -1.0) for order in "<>"),
+    *(struct.pack("<f", value) for value in (math.nan, math.inf, -3e38)),
+    *_LENGTHS,
+]
+
+
+def variants(data: bytes, count: int) -> Iterator[bytes]:
+    """Yield an input and others made of it by chance, always the same ones: hypothesis alone would take all the time.
+
+    Each differs in one to four places: a piece put over or between, bits turned, bytes lost, doubled or moved.
+    """
+    yield data
+    random = Random(data)
+    for _ in range(count):
+        changed = bytearray(data)
+        for _ in range(random.randint(1, 4)):
+            at, length = random.randint(0, len(changed)), random.choice((1, 2, 4, 8, 8, 8, 20))
+            match random.randint(0, 5):
+                case 0:
+                    piece = random.choice(_PIECES)
+                    changed[at : at + len(piece)] = piece
+                case 1:
+                    changed[at:at] = random.choice(_PIECES)
+                case 2 if at < len(changed):
+                    changed[at] ^= 1 << random.randint(0, 7)
+                case 3:
+                    del changed[at : at + length]
+                case 4:
+                    changed[at:at] = changed[at : at + length]
+                case _:
+                    start = random.randint(0, len(changed))
+                    changed[at : at + length] = changed[start : start + length]
+        yield bytes(changed)

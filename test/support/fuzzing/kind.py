@@ -48,7 +48,7 @@ def of_file(
         path = folder / name
 
         def attempt(data: bytes) -> bool:
-            path.write_bytes(data)
+            rewrite(path, data)
             try:
                 content = load(path)
             except FlatsatError as refused:
@@ -60,6 +60,12 @@ def of_file(
         yield attempt
 
     return Kind(inputs, opened)
+
+
+def rewrite(path: Path, data: bytes) -> None:
+    """Write a file anew. Written over, it would be flushed to the disk when it is closed, on some file systems."""
+    path.unlink(missing_ok=True)
+    path.write_bytes(data)
 
 
 def require_one_line(refused: FlatsatError, path: Path | None = None) -> None:

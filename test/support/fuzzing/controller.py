@@ -1,0 +1,185 @@
+"""What a controller hears: poses, goals, trajectories, batteries, orders and parameters of one of two drones in flight.
+
+Whatever comes, every command stays within the limits, the other drone flies on, and sound poses are still taken.
+"""
+
+from __future__ import annotations
+
+import math
+import pickle
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import rclpy
+from geometry_msgs.msg import Twist
+from hypothesis import strategies as st
+from rclpy.logging import LoggingSeverity
+from rclpy.parameter import Parameter
+from room import EPOCH, Room, pose
+from std_srvs.srv import SetBool
+
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.crazyflie.wire import WireSetpoint
+from flatsat_ros.flight.stamps import StampClock
+from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.nodes.ros import messages
+from flatsat_ros.nodes.ros.messages import NANOSECONDS
+from fuzzing.cdr import poses, trajectories
+from fuzzing.damage import FLOATS
+from fuzzing.kind import Attempt, Kind
+from fuzzing.sequence import Item, decoded, sequences
+
+_TOPICS = ("pose", "goal_pose", "trajectory")
+_BATTERY, _ORDER, _PARAMETER = 3, 4, 5
+_ORDERS = ("takeoff", "land", "hold", "hand_over", "arm", "disarm")
+_TUNING = ("mu", "v_inf", "gamma_0", "gamma_max", "nu")
+_PARAMETERS = (*_TUNING, *(f"robots.cf1.{name}" for name in _TUNING), "restart_gain", "floor", "use_sim_time")
+# when both drones hover, s: the stamp of poses
+_SECOND = EPOCH // NANOSECONDS + 6
+# of sound poses at the end, after which they must be taken again
+_TICKS = 7
+
+
+_PARAMETER_ITEM = st.builds(
+    lambda name, kind, number: struct.pack("<BBd", name, kind, number),
+    st.integers(0, len(_PARAMETERS) - 1), st.integers(0, 7), FLOATS,
+)  # fmt: skip
+
+
+def _parameter(content: bytes) -> Parameter:
+    """Return a parameter: a double mostly, else something of another type."""
+    name, kind, number = struct.unpack("<BBd", content[:10].ljust(10, b"\0"))
+    others: dict[int, object] = {0: None, 1: name, 2: True, 3: "fast", 4: [number], 5: [number] * 3}
+    return Parameter(_PARAMETERS[name % len(_PARAMETERS)], value=others.get(kind, number))
+
+
+_ITEMS: st.SearchStrategy[Item] = st.one_of(
+    st.tuples(st.just(0), poses(_SECOND)),
+    st.tuples(st.just(1), poses(0)),
+    st.tuples(st.just(2), trajectories()),
+    st.tuples(st.integers(0, 2), st.binary(max_size=100)),
+    st.tuples(st.just(_BATTERY), st.floats(width=32).map(lambda volts: struct.pack("<f", volts))),
+    st.tuples(st.just(_ORDER), st.binary(min_size=1, max_size=1)),
+    st.tuples(st.just(_PARAMETER), _PARAMETER_ITEM),
+)
+
+
+class _Recorded:
+    """Takes the place of a publisher of set-points, and requires that each is within the limits."""
+
+    def __init__(self, tilt_max: float, pwm_max: float) -> None:
+        self.count = 0
+        self._least, self._pwm_max = math.cos(tilt_max) - 1e-9, pwm_max
+
+    def publish(self, message: Twist) -> None:
+        sent: WireSetpoint = messages.command_from_message(message)
+        self.count += 1
+        assert all(map(math.isfinite, sent)), sent
+        assert 0.0 <= sent.thrust <= self._pwm_max, sent
+        assert math.cos(math.radians(sent.roll)) * math.cos(math.radians(sent.pitch)) >= self._least, sent
+
+
+class _Attacked:
+    """A room in which both drones hover, again and again from the same moment."""
+
+    def __init__(self) -> None:
+        self.room = Room("-p", "certificate:=cf21_50hz")
+        self.room.hover("cf1", "cf2")
+        node, self._ticks = self.room.node, self.room._ticks
+        node.get_logger().set_level(LoggingSeverity.FATAL)
+        self._places = self.room.fleet.bodies.position.copy()
+        limits = node._certificate.limits
+        self._wires = [_Recorded(limits.tilt_max, vehicle.pwm_max) for vehicle in node._vehicles]
+        node._command_publishers = self._wires  # type: ignore[assignment]
+        node.faults.note = self._note  # type: ignore[method-assign]
+        self._pilot = pickle.dumps(vars(node._pilot))
+        resort = {name: value for name, value in vars(node._last_resort).items() if name != "_clock"}
+        self._last_resort, self._parameters = pickle.dumps(resort), dict(node._parameters)
+        self._refused = 0
+
+    def _note(self, name: str, error: Exception) -> None:
+        """In place of the log: what is no refusal goes on."""
+        if not isinstance(error, FlatsatError):
+            raise error
+        self._refused += 1
+
+    def attempt(self, data: bytes) -> bool:
+        """Deliver the messages of an input, a tick after each."""
+        self._begin_again()
+        items = decoded(data)
+        for code, content in items:
+            self._deliver(code, content)
+            self._tick()
+        for _ in range(_TICKS):
+            last = self._tick()
+        node = self.room.node
+        assert not node._broken
+        assert self._wires[1].count == len(items) + _TICKS, "one command in every tick for the other drone"
+        assert node._pilot.mode[1] == Mode.FLY
+        assert np.isfinite(last).all()
+        assert (node._pilot.estimator.newest >= node._stamps.now - 1e-6).all(), "sound poses are taken"
+        return self._refused < len(items)
+
+    def _begin_again(self) -> None:
+        node, room = self.room.node, self.room
+        vars(node._pilot).clear()
+        vars(node._pilot).update(pickle.loads(self._pilot))
+        vars(node._last_resort).update(pickle.loads(self._last_resort))
+        node._parameters = dict(self._parameters)
+        room._ticks, node._broken, self._refused = self._ticks, False, 0
+        node._durations.clear()
+        for queue, wire in zip(node._poses, self._wires, strict=True):
+            queue.clear()
+            wire.count = 0
+        start = self.room._steady()
+        node._stamps = StampClock(2, lambda: EPOCH + room._steady(), room._steady)
+        node._stamps._origin -= start
+
+    def _tick(self) -> np.ndarray:
+        """Let a tick pass in which both drones are seen where they are; return the inputs (2, 4)."""
+        self.room._ticks += 1
+        wobble = 1e-5 * math.sin(self.room._ticks)  # the very same place again would be an old pose
+        for robot, (x, y, z) in zip(self.room.node.robots, self._places, strict=True):
+            data = pose((x + wobble, y, z), (0.0, 0.0, 0.0, 1.0), stamp=EPOCH + self.room._steady())
+            self.room.deliver(f"{robot}/pose", data)
+        self.room.node._on_tick()
+        tick = self.room.node._last
+        assert tick is not None
+        limits = self.room.node._certificate.limits
+        assert (tick.input[:, 0] <= limits.thrust_max * (1.0 + 1e-9)).all()
+        return np.asarray(tick.input)
+
+    def _deliver(self, code: int, content: bytes) -> None:
+        if code < len(_TOPICS):
+            self.room.deliver(f"cf1/{_TOPICS[code]}", content)
+        elif code == _BATTERY:
+            (volts,) = struct.unpack("<f", content[:4].ljust(4, b"\0"))
+            self.room.deliver("cf1/battery", messages.battery_message(0, volts))
+        elif code == _ORDER:
+            name = _ORDERS[content[:1][0] % len(_ORDERS)] if content else "land"
+            if "arm" in name:
+                answer = self.room.ask("cf1/flatsat/arm", SetBool, data=name == "arm")
+            else:
+                answer = self.room.ask(f"cf1/flatsat/{name}")
+            self._refused += not answer.success
+            assert "error of the program" not in answer.message
+        elif code == _PARAMETER:
+            (result,) = self.room.node.set_parameters([_parameter(content)])
+            self._refused += not result.successful
+
+
+@contextmanager
+def _open(_: Path) -> Iterator[Attempt]:
+    attacked = _Attacked()
+    try:
+        yield attacked.attempt
+    finally:
+        attacked.room.node.get_logger().set_level(LoggingSeverity.UNSET)  # it belongs to the process
+        attacked.room.node.destroy_node()
+        rclpy.try_shutdown()
+
+
+CONTROLLER = Kind(sequences(_ITEMS), _open)
