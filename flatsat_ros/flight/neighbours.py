@@ -71,6 +71,7 @@ class Neighbours:
         self.now = -math.inf
         self.state, self.usable = np.zeros((self.count, 6)), np.zeros(self.count, dtype=bool)
         self.seen, self.seen_at = np.full((len(others), 3), np.nan), np.full(len(others), math.inf)
+        self._unseen = np.zeros(len(others), dtype=bool)  # who has not been seen for too long, and was told
         self._standing = policy.floor + STANDING_HEIGHT
         self._guidance, self._supervisor = guidance, supervisor
         self._tracks: list[Track | None] = [None] * self.count
@@ -93,6 +94,19 @@ class Neighbours:
                 self._tracks[index] = track = Track(trajectory)
                 self._low[index], self._high[index] = track.low.min(axis=0), track.high.max(axis=0)
         return changed
+
+    def changes_of_sight(self, timeout: float) -> list[str]:
+        """Return for people which others have not been seen for longer than a timeout, s, or are seen again."""
+        if not self.seen.size:
+            return []
+        unseen = self.now - self.seen_at > timeout
+        changed, self._unseen = np.flatnonzero(unseen != self._unseen), unseen
+        lost = f"for {timeout:g} s: it is taken to be where it was last"
+        names = [self.names[self.count + other] for other in changed]
+        return [
+            f"no pose of {name} {lost}" if unseen[other] else f"poses of {name} are back"
+            for other, name in zip(changed, names, strict=True)
+        ]
 
     def mode(self, index: int) -> Mode:
         """Return the mode of a robot, IDLE for others: somebody else flies it, or nobody."""
@@ -191,14 +205,18 @@ class Neighbours:
 
     def ends(self, index: int) -> list[End]:
         """Return where a robot will stay, or may."""
-        mode, ends, there = self.mode(index), [], self.presence(index)
-        goal = self._guidance.goal(index) if index < self.count and self._supervisor.requested[index] else None
+        mode, own = self.mode(index), index < self.count
+        track = self._tracks[index] if mode is Mode.FLY else None
+        if track is not None and self._guidance.landing[index]:
+            return [End(np.array([*track.end[:2], self._guidance.ground[index]]), STANDING, "lands")]
+        if track is not None:
+            return [End(track.end, IN_THE_AIR, "rests" if self._guidance.references.at_rest[index] else "goes")]
+        ends = []
+        goal = self._guidance.goal(index) if own and self._supervisor.requested[index] else None
         if goal is not None and mode not in AIRBORNE:
             ends.append(End(goal, IN_THE_AIR, "goes"))
-        if there is None or (mode is Mode.IDLE and index < self.count and there.scale is IN_THE_AIR):
+        place = self.places()[index]
+        in_the_air = mode in AIRBORNE or bool(place[2] >= self._standing)
+        if np.isnan(place).any() or (in_the_air and own and mode is Mode.IDLE):
             return ends  # somebody else flies it, who knows where
-        if mode is Mode.FLY and self._guidance.landing[index]:
-            ground = np.array([*there.track.end[:2], self._guidance.ground[index]])
-            return [*ends, End(ground, STANDING, "lands")]
-        does = "stands" if there.scale is STANDING else "rests" if there.rests else "goes"
-        return [*ends, End(there.track.end, there.scale, does)]
+        return [*ends, End(place, IN_THE_AIR if in_the_air else STANDING, "rests" if in_the_air else "stands")]

@@ -78,7 +78,6 @@ class Traffic:
         self._brakes: dict[int, Trajectory | None] = {}  # the references of those that were made to brake
         self._reports: list[Report] = []
         self._measured = self._looked = self._due = -math.inf  # when to look again, s
-        self._stale = np.zeros(len(others), dtype=bool)
 
     def is_due(self, now: float, state: FloatArray, usable: np.ndarray) -> bool:
         """Take note of a tick; tell whether there is something to look at.
@@ -184,7 +183,8 @@ class Traffic:
         """Look who may come near whom, and let drones brake; return whose goals need not wait any longer."""
         now, begun = self._neighbours.now, []
         self._changed |= self._neighbours.take_references()
-        self._tell_stale()
+        for text in self._neighbours.changes_of_sight(self._policy.pose_timeout):
+            self._tell(0, text)
         if now >= self._measured:
             self._measure()
         if now >= self._looked and not self._steps:
@@ -232,7 +232,7 @@ class Traffic:
             if other != index and other in self._waiting.goals:
                 ends.append((self._waiting.goals[other], IN_THE_AIR, "waits to go"))
             for place, scale, does in ends:
-                apart = float(np.linalg.norm((goal - place) * scale))
+                apart = math.dist(goal * scale, place * scale)
                 if apart < there.required:
                     raise refusal(f"distance of the goal from where {name} {does}", round(apart, 2), "m", there.valid)
 
@@ -318,18 +318,6 @@ class Traffic:
         self._guidance.brake(index, self._neighbours.now)
         self._brakes[index] = self._guidance.references.trajectory(index)
         return None if goal is None else goal.copy()
-
-    def _tell_stale(self) -> None:
-        """Tell which other robots are not seen any more, or are seen again."""
-        there, most = self._neighbours, self._policy.pose_timeout
-        if not there.seen.size:
-            return
-        stale = there.now - there.seen_at > most
-        for other in map(int, np.flatnonzero(stale != self._stale)):
-            name = there.names[there.count + other]
-            lost = f"no pose of {name} for {most:g} s: it is taken to be where it was last"
-            self._tell(0, lost if stale[other] else f"poses of {name} are back")
-        self._stale = stale
 
     def _measure(self) -> None:
         """Look who is nearer to whom than the separation, and note when anybody can be next."""

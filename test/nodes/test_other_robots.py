@@ -1,0 +1,66 @@
+"""Robots that are not flown here: their poses are heard, and what is given wrongly is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import pytest
+import rclpy
+from rclpy.serialization import serialize_message
+
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.flight.trajectory import Trajectory
+from flatsat_ros.nodes.controller_node import ControllerNode
+from flatsat_ros.nodes.ros import messages
+
+pytestmark = pytest.mark.in_process
+
+
+@pytest.fixture
+def started() -> Iterator[Callable[[str], ControllerNode]]:
+    """How to make a controller with other robots; it is gone after the test."""
+    made: list[ControllerNode] = []
+
+    def start(others: str) -> ControllerNode:
+        rclpy.init(args=["--ros-args", "-p", f"other_poses:={others}"])
+        made.append(ControllerNode())
+        return made[-1]
+
+    yield start
+    for node in made:
+        node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def test_goals_where_another_robot_is_seen_are_refused_by_its_name(
+    started: Callable[[str], ControllerNode],
+) -> None:
+    node = started("['blimp', 'person']")
+    (hear,) = (taken.callback for taken in node.subscriptions if taken.topic_name == "/person/pose")
+    pose = messages.pose_message()
+    messages.fill_pose(pose, 0, (1.0, 2.0, 1.5), (0.0, 0.0, 0.0, 1.0))
+    hear(serialize_message(pose))
+    with pytest.raises(FlatsatError, match="where person rests = 0"):
+        node._set_reference(0, Trajectory.hold([1.0, 2.1, 1.5]))
+    node._set_reference(0, Trajectory.hold([0.0, 0.0, 1.5]))
+    pose.header.frame_id = "elsewhere"
+    hear(serialize_message(pose))
+    hear(b"garbage")
+    assert node.faults.count("person") == 2
+
+
+@pytest.mark.parametrize(
+    ("others", "reason"),
+    [
+        ("['cf1']", "parameter other_poses = .?cf1.?: must be another: this one is flown here"),
+        ("['blimp', 'blimp']", "must be given once"),
+        ("['no name']", "must be letters, digits and underscores"),
+        ("['blimp', '']", "must be letters, digits and underscores"),
+        ("[1, 2]", "must be of type string array"),
+    ],
+)
+def test_names_that_cannot_be_meant_are_refused(
+    started: Callable[[str], ControllerNode], others: str, reason: str
+) -> None:
+    with pytest.raises(FlatsatError, match=reason):
+        started(others)
