@@ -288,3 +288,15 @@ def test_a_single_trajectory_point_is_a_goal_like_any_other() -> None:
     world = hovering([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0]])
     with pytest.raises(FlatsatError, match="where cf2 rests"):
         world.pilot.set_reference(0, Trajectory.hold([1.0, 0.0, 1.0]))
+
+
+def test_to_look_for_a_way_moves_no_drone() -> None:
+    """The extent of another drone's reference was once written over where that drone had been estimated."""
+    room = Ideal([(0.0, 0.0, 1.0), (1.5, 0.0, 1.0)])
+    room.fly(0.5)
+    for index, place in enumerate(room.place):
+        room.pilot.set_goal(index, place + (0.0, 1.0, 0.0))
+    room.fly(1.0)
+    before = room.pilot._state.copy()
+    room.pilot.set_goal(0, (0.0, 2.0, 1.0))
+    assert room.pilot._state.tolist() == before.tolist()
