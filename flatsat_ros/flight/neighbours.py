@@ -114,7 +114,7 @@ class Neighbours:
 
     def places(self) -> FloatArray:
         """Return where everybody was measured last, (N + M, 3) m, NaN for unknown."""
-        own = self.state[:, :3]
+        own = self.state[:, :3].copy()
         if np.count_nonzero(self.usable) < self.count:
             own = np.where(self.usable[:, np.newaxis], own, np.nan)
         return np.concatenate([own, self.seen]) if self.seen.size else own
@@ -192,7 +192,7 @@ class Neighbours:
     def _candidates(self, index: int, track: Track, instead: Mapping[int, Track]) -> Iterator[tuple[int, Presence]]:
         """Yield those whose surroundings touch those of a track, and all that would be elsewhere."""
         places = self.places()
-        low, high = places.copy(), places.copy()  # the places may be the estimate's own array
+        low, high = places, places.copy()
         flying = np.flatnonzero((self._supervisor.mode == Mode.FLY.value) & ~np.isnan(self._low[:, 0]))
         low[flying], high[flying] = self._low[flying], self._high[flying]
         gap = np.maximum(track.low.min(axis=0) - high, low - track.high.max(axis=0))

@@ -41,12 +41,14 @@ class Ideal:
         self.now = 0.0
         self.least = np.inf  # of the distances so far
         self.told: list[tuple[int, str]] = []
+        self.inputs: list[list[float]] = []  # of the first drone
 
     def fly(self, seconds: float) -> None:
         for _ in range(round(seconds / PERIOD)):
             for index, place in enumerate(self.place):
                 self.pilot.measure(index, self.now, tuple(place), LEVEL, self.now)
             tick = self.pilot.tick(self.now)
+            self.inputs.append(tick.input[0].tolist())
             self.told += [(report.drone, report.text) for report in tick.reports]
             flying = tick.mode == Mode.FLY
             self.place[flying] = (tick.reference[:, :3] + self.offset)[flying]
@@ -97,6 +99,20 @@ def test_crossing_goals_are_reached_one_after_the_other() -> None:
     assert "drone 0" in told[0]
     assert "waits" in told[0]
     assert "sets out" in told[-1]
+
+
+def test_a_drone_with_neighbours_at_a_distance_is_commanded_as_if_it_were_alone() -> None:
+    def inputs(*places: Sequence[float]) -> list[list[float]]:
+        world = Ideal(places)
+        world.fly(0.2)
+        world.pilot.take_off(0, 0.8)
+        world.fly(2.0)
+        world.pilot.set_goal(0, [0.0, 1.0, 1.0])
+        world.fly(1.0)
+        return world.inputs
+
+    alone = inputs([0.0, 0.0, 0.0])
+    assert inputs([0.0, 0.0, 0.0], [0.9, 0.0, 0.0], [1.2, 3.0, 1.0]) == alone
 
 
 @pytest.mark.parametrize("aside", [0.0, 0.3])
