@@ -313,7 +313,7 @@ class Pilot:
         fixed = references.at_rest & (spent == 0.0)
         assessment = self._monitor.assess(output.error, margin, fixed)
         self._monitor.follow(acceleration - np.where(flying[:, np.newaxis], base[:, 6:], 0.0))
-        free = self._senses.note(acceleration, estimated, flying)
+        free = self._senses.note(acceleration, estimated, flying, self._guidance.landing)
         self._full = command[:, 0] >= _FULL * self.certificate.limits.thrust_max
         self.estimator.command(now, acceleration, free)
         reports, self._reports = self._reports, []

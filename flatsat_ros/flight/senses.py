@@ -91,13 +91,16 @@ class Senses:
         )
         return self._sight
 
-    def note(self, acceleration: FloatArray, estimated: FloatArray, flying: np.ndarray) -> np.ndarray:
+    def note(
+        self, acceleration: FloatArray, estimated: FloatArray, flying: np.ndarray, landing: np.ndarray
+    ) -> np.ndarray:
         """Learn from one tick; return who is steered in the air, away from the ground, (N,).
 
         Args:
             acceleration: (N, 3) commanded, m/s^2.
             estimated: (N, 9), see `look`.
             flying: (N,) who is steered.
+            landing: (N,) who lands, and may be carried by something when it is low.
         """
         self._acceleration = acceleration
         self._push = self._push + self._tick * acceleration
@@ -109,7 +112,7 @@ class Senses:
         high = flying & (estimated[:, 2] >= self._low)
         free = high & ~standing
         lifting = flying & standing & (acceleration[:, 2] >= _LIFTING) & (climb < _LIFTING_SLOW)
-        learning = high & ~(standing & self._unlocked)
+        learning = flying & ~(standing & self._unlocked) & (high | ~landing)
         self.thrust.learn(acceleration[:, 2] + self._gravity, disturbance[:, 2], learning, lifting, self._period)
         self._gone_astray = self._gone_astray | self._astray.astray(self._push[:, :2], estimated[:, 3:5], free)
         self._push, self._free = np.zeros_like(self._push), free

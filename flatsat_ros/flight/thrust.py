@@ -38,7 +38,7 @@ class ThrustScale:
         self.scale = np.full(count, self._first)
         self._error_max = error_max
         self._learnt = np.zeros(count)  # s in which it followed
-        self._lifting = np.zeros(count)  # s of being commanded upward on the ground
+        self._lifting = np.zeros(count)  # s of being commanded upward on the ground, less those of not
 
     def learn(
         self, upward: FloatArray, disturbance: FloatArray, flying: np.ndarray, lifting: np.ndarray, period: float
@@ -53,12 +53,13 @@ class ThrustScale:
             period: since the last tick, s.
         """
         self._learnt += period * flying
-        self._lifting = np.where(lifting, self._lifting + period, 0.0)
+        # noise of the velocity hides that it stands, now and then
+        self._lifting = np.maximum(self._lifting + np.where(lifting, period, -period), 0.0)
         if self._error_max == 0.0:
             return
         useful = flying & (upward > 0.0)
         error = np.divide(disturbance, upward, out=np.zeros_like(upward), where=useful)
-        weak = self._lifting > np.where(self._learnt < _SETTLED_TIME, *_LIFTING_TIME)
+        weak = lifting & (self._lifting > np.where(self._learnt < _SETTLED_TIME, *_LIFTING_TIME))
         scale = self.scale * (1.0 + period / _TIME_CONSTANT * error - period * _LIFTING_RATE * weak)
         self.scale = np.clip(scale, 1.0 - self._error_max, 1.0 + self._error_max)
 

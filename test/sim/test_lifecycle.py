@@ -44,11 +44,12 @@ class Flight:
         compensated: float = 0.0,
         floor: float = 0.0,
         thrust_error: float = 0.0,
+        noise: float = 5e-4,
     ) -> None:
         policy = Policy(disturbance_max=compensated, floor=floor, thrust_error_max=thrust_error)
         self.pilot = Pilot(CERTIFICATE, Tuning(mu, 0.05, 1.0, CERTIFICATE.gain_max), policy, 1)
         self.fleet = SimulatedFleet(
-            VEHICLE, 1, start=[[0.0, 0.0, floor]], floor=floor, thrust_scale=scale, capture=MotionCapture(noise=5e-4)
+            VEHICLE, 1, start=[[0.0, 0.0, floor]], floor=floor, thrust_scale=scale, capture=MotionCapture(noise=noise)
         )
         self.modes: list[Mode] = []
         self.thrusts: list[float] = []
@@ -243,6 +244,18 @@ def test_the_thrust_scale_is_found_in_flight_and_kept_through_landings(scale: fl
     flight.pilot.take_off(0, 0.6)
     flight.let_pass(20.0)
     assert np.array(flight.thrust_scales) == pytest.approx(scale, abs=0.03)
+
+
+@pytest.mark.parametrize(("scale", "noise"), [(0.8, 2e-3), (1.0, 0.0), (1.0, 5e-4), (1.0, 2e-3), (1.2, 5e-4)])
+def test_whatever_the_thrust_and_the_noise_it_takes_off_without_a_leap(scale: float, noise: float) -> None:
+    flight = Flight(scale=scale, compensated=0.8, thrust_error=0.25, noise=noise)
+    flight.pilot.take_off(0, 0.5)
+    heights = []
+    for _ in range(100):
+        flight.let_pass(0.1)
+        heights.append(flight.height)
+    assert max(heights) < 0.6
+    assert heights[-1] == pytest.approx(0.5, abs=0.05)
 
 
 def test_a_drone_that_is_locked_again_after_its_unlocking_flies_none_the_less() -> None:
