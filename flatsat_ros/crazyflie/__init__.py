@@ -1,6 +1,7 @@
 """What is particular to Crazyflies: vehicle profiles, units on the wire, crazyflies.yaml, addresses, queues."""
 
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot, read_crazyflies
+from flatsat_ros.crazyflie.intervals import Intervals
 from flatsat_ros.crazyflie.vehicle import (
     AttitudeResponse,
     BatteryLimits,
@@ -16,6 +17,7 @@ __all__ = [
     "Backend",
     "BatteryLimits",
     "Dynamics",
+    "Intervals",
     "Motors",
     "Robot",
     "VehicleProfile",

@@ -10,7 +10,8 @@ import dataclasses
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar, cast, get_type_hints
+from functools import partial
+from typing import Any, TypeVar, cast, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,6 +32,7 @@ from flatsat_ros.base.errors import (
 from flatsat_ros.base.files import located
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.base.strict_yaml import read_yaml
+from flatsat_ros.crazyflie.intervals import Intervals
 
 T = TypeVar("T")
 
@@ -86,6 +88,8 @@ class Dynamics:
         drag_xy: linear drag against horizontal air velocity, divided by the mass, 1/s.
         drag_z: the same against vertical air velocity, 1/s.
         dead_time: from a command's arrival to the first effect, s.
+        velocity_tilt: k, rad s/m: the drone holds the commanded attitude less k times its velocity, so that it leans
+            against its motion; what an on-board estimate that errs in proportion to the speed does. 0: none.
     """
 
     attitude: AttitudeResponse
@@ -97,11 +101,13 @@ class Dynamics:
     drag_xy: float
     drag_z: float
     dead_time: float
+    velocity_tilt: float = 0.0
 
     def __post_init__(self) -> None:
         units = {"attitude_gain": "", "thrust_gain": "", "thrust_lag_up": "s", "thrust_lag_down": "s"}
         require_fields(self, require_positive, **units)
-        require_fields(self, require_zero_or_positive, drag_xy="1/s", drag_z="1/s", dead_time="s")
+        not_negative = {"drag_xy": "1/s", "drag_z": "1/s", "dead_time": "s", "velocity_tilt": "rad s/m"}
+        require_fields(self, require_zero_or_positive, **not_negative)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,6 +186,9 @@ class VehicleProfile:
         dynamics: identified response.
         motors: force to motor command.
         battery: voltage limits.
+        thrust_slope: s of force = force_max (PWM / 65535)^s, the relative change of the force over that of the command:
+            1 is the linear map that the firmware means to have, below it a change of the command does less.
+        intervals: how well the figures are known, of a profile that was identified; None: not known.
     """
 
     name: str
@@ -189,9 +198,12 @@ class VehicleProfile:
     dynamics: Dynamics
     motors: Motors
     battery: BatteryLimits
+    thrust_slope: float = 1.0
+    intervals: Intervals | None = None
 
     def __post_init__(self) -> None:
         require_fields(self, require_positive, mass="kg", force_max="N", pwm_max="")
+        require_fields(self, partial(require_number, least=0.25, most=4.0), thrust_slope="")
         require(self.pwm_max <= PWM_FULL, "pwm_max", self.pwm_max, "", f"at most {PWM_FULL}")
         heaviest = self.mass * self.thrust_max / GRAVITY
         lifts = f"below {heaviest:.4g} kg, which is all that the motors lift"
@@ -217,7 +229,9 @@ class VehicleProfile:
     @property
     def thrust_max(self) -> float:
         """Largest mass-normalised thrust, at pwm_max, m/s^2."""
-        return self.force_max * self.pwm_max / PWM_FULL / self.mass
+        if self.thrust_slope == 1.0:
+            return self.force_max * self.pwm_max / PWM_FULL / self.mass
+        return float(self.thrust_from_pwm(self.pwm_max))
 
     @property
     def lag(self) -> float:
@@ -237,9 +251,12 @@ class VehicleProfile:
             thrust: T, m/s^2, any shape.
 
         Returns:
-            PWM of the same shape, linear and not clipped: T = thrust_max is pwm_max.
+            PWM of the same shape, not clipped: T = thrust_max is pwm_max. It has the sign of the thrust.
         """
-        return np.asarray(thrust, dtype=np.float64) * (self.mass * PWM_FULL / self.force_max)
+        asked = np.asarray(thrust, dtype=np.float64)
+        if self.thrust_slope == 1.0:
+            return asked * (self.mass * PWM_FULL / self.force_max)
+        return np.sign(asked) * (np.abs(asked) * (self.mass / self.force_max)) ** (1.0 / self.thrust_slope) * PWM_FULL
 
     def thrust_from_pwm(self, pwm: ArrayLike) -> FloatArray:
         """Return the mass-normalised thrust of a thrust command: the inverse of pwm_from_thrust.
@@ -250,7 +267,16 @@ class VehicleProfile:
         Returns:
             T, m/s^2, of the same shape.
         """
-        return np.asarray(pwm, dtype=np.float64) * (self.force_max / (self.mass * PWM_FULL))
+        if self.thrust_slope == 1.0:
+            return np.asarray(pwm, dtype=np.float64) * (self.force_max / (self.mass * PWM_FULL))
+        return self.force_from_pwm(pwm) / self.mass
+
+    def force_from_pwm(self, pwm: ArrayLike) -> FloatArray:
+        """Return the force, N, of thrust commands of any shape, from 0 to PWM_FULL: force_max (PWM / 65535)^slope."""
+        command = np.asarray(pwm, dtype=np.float64)
+        if self.thrust_slope == 1.0:
+            return command * (self.force_max / PWM_FULL)
+        return np.sign(command) * (np.abs(command) / PWM_FULL) ** self.thrust_slope * self.force_max
 
 
 def load_vehicle(name_or_path: str | os.PathLike[str]) -> VehicleProfile:
@@ -286,6 +312,8 @@ def _build(cls: type[T], content: object, where: str) -> T:
 
 def _convert(kind: Any, value: object, where: str) -> object:
     """Check one YAML value against a field's type; integers serve as floats, nothing else is coerced."""
+    if type(None) in get_args(kind):  # what may be left out has the type X | None; a value has the type X
+        kind = get_args(kind)[0]
     if dataclasses.is_dataclass(kind):
         return _build(cast("type[object]", kind), value, where)
     if kind in (str, bool, int):

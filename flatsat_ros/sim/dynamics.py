@@ -29,10 +29,12 @@ class Response(Protocol):
     Attributes:
         drag: (3,) linear drag against air velocity, world frame, 1/s.
         order: number of states of an axis of the attitude; the first three are angle, rate and acceleration.
+        velocity_tilt: the tilt that the drone holds against its velocity, rad s/m.
     """
 
     drag: FloatArray
     order: int
+    velocity_tilt: float
 
     def thrust(self, thrust: FloatArray, command: FloatArray) -> FloatArray:
         """Return the thrust (N,), m/s^2, one STEP after `thrust`, under a command (N,), m/s^2."""
@@ -45,6 +47,7 @@ class Ideal:
     """The double integrator of the theorems: thrust and attitude follow their commands at once, without drag."""
 
     order = 3
+    velocity_tilt = 0.0
 
     def __init__(self) -> None:
         self.drag = np.zeros(3)
@@ -66,6 +69,7 @@ class Identified:
 
     def __init__(self, dynamics: Dynamics) -> None:
         self.drag = np.array([dynamics.drag_xy, dynamics.drag_xy, dynamics.drag_z])
+        self.velocity_tilt = dynamics.velocity_tilt
         self._thrust_gain = dynamics.thrust_gain
         self._keep_up = np.exp(-STEP / dynamics.thrust_lag_up)
         self._keep_down = np.exp(-STEP / dynamics.thrust_lag_down)
@@ -237,7 +241,7 @@ class Bodies:
         """
         place, attitude = self.position, self.attitude
         self.thrust = self._response.thrust(self.thrust, thrust)
-        self.attitude = self._next_attitude(angles)
+        self.attitude = self._next_attitude(self._leaning(angles))
 
         u = np.array([self.thrust, *self.attitude[:2, :, 0]]).T
         driven = acceleration_from_input(u, self.attitude[2, :, 0], GRAVITY) + self._response.drag * wind
@@ -245,6 +249,15 @@ class Bodies:
         self.velocity = self.velocity * self._keep + driven * self._f1
         self.acceleration = driven - self._response.drag * self.velocity
         self._touch_floor(place, attitude)
+
+    def _leaning(self, command: FloatArray) -> FloatArray:
+        """Return the attitude (3, N) that the drone holds for a command, tilted against its velocity."""
+        tilt = self._response.velocity_tilt
+        if tilt == 0.0:
+            return command
+        (x, y, _), yaw = self.velocity.T, self.attitude[2, :, 0]
+        ahead, left = np.cos(yaw) * x + np.sin(yaw) * y, np.cos(yaw) * y - np.sin(yaw) * x
+        return np.stack([command[0] + tilt * left, command[1] - tilt * ahead, command[2]])
 
     def _next_attitude(self, command: FloatArray) -> FloatArray:
         """Return the attitude one STEP later: controlled, or drifting away where the command is NaN."""

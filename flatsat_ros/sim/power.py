@@ -85,7 +85,7 @@ class PowerTrain:
     def _force(self, pwm: FloatArray) -> FloatArray:
         """Return the force of a running drone, N, and keep the motor command."""
         motors = self._profile.motors
-        wanted = pwm * (self._profile.force_max / PWM_FULL / 4.0)
+        wanted = self._wanted(pwm)
         off = (wanted < motors.force_min) | (self._supply < _SUPPLY_MIN)
         ratio = np.where(off, 0.0, self._voltage(wanted) / np.maximum(self._supply, _SUPPLY_MIN))
         self.ratio = np.minimum(np.maximum(ratio, motors.idle_pwm / PWM_FULL), 1.0)
@@ -95,6 +95,12 @@ class PowerTrain:
         c0, c1, c2, c3 = motors.voltage_to_force
         force = 4.0 * (c0 + applied * (c1 + applied * (c2 + applied * c3)))
         return np.where(command > 0.0, np.maximum(force, 0.0), 0.0)
+
+    def _wanted(self, pwm: FloatArray) -> FloatArray:
+        """Return the force, N, that one motor shall give."""
+        if self._profile.thrust_slope == 1.0:
+            return pwm * (self._profile.force_max / PWM_FULL / 4.0)
+        return self._profile.force_from_pwm(pwm) / 4.0
 
     def _voltage(self, force: FloatArray) -> FloatArray:
         """Return the motor voltage, V, of one motor's force, N: the real root of the force curve (Cardano)."""
@@ -106,9 +112,11 @@ class PowerTrain:
 
 
 class IdealPowerTrain(PowerTrain):
-    """Force exactly linear in PWM, whatever the battery."""
+    """Force exactly as the profile maps PWM to it, whatever the battery."""
 
     def _force(self, pwm: FloatArray) -> FloatArray:
         """Return the force of a running drone, N, and keep the motor command."""
         self.ratio = pwm / PWM_FULL
-        return self.ratio * self._profile.force_max
+        if self._profile.thrust_slope == 1.0:
+            return self.ratio * self._profile.force_max
+        return self._profile.force_from_pwm(pwm)

@@ -1,5 +1,6 @@
 """Laws of vehicle profiles."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.crazyflie.intervals import Intervals
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 
 VEHICLES = Path(__file__).parents[2] / "config" / "vehicles"
@@ -49,6 +51,48 @@ def test_pwm_and_thrust_are_linear_and_inverse(thrusts: list[float]) -> None:
     np.testing.assert_allclose(cf21.thrust_from_pwm(pwm), thrusts, rtol=1e-14, atol=1e-12)
     np.testing.assert_allclose(cf21.pwm_from_thrust(2.0 * np.array(thrusts)), 2.0 * pwm, rtol=1e-14, atol=1e-12)
     assert cf21.pwm_from_thrust(cf21.thrust_max) == pytest.approx(cf21.pwm_max, rel=1e-14)
+
+
+@given(st.floats(0.3, 3.0), st.lists(st.floats(-20.0, 20.0), min_size=1))
+def test_a_thrust_map_with_a_slope_is_inverted_and_changes_thrust_by_that_share(
+    slope: float, thrusts: list[float]
+) -> None:
+    bent = replace(profile(), thrust_slope=slope, force_max=0.5)
+    pwm = bent.pwm_from_thrust(thrusts)
+    np.testing.assert_allclose(bent.thrust_from_pwm(pwm), thrusts, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(bent.force_from_pwm(pwm), bent.mass * np.array(thrusts), rtol=1e-12, atol=1e-12)
+    assert bent.pwm_from_thrust(bent.thrust_max) == pytest.approx(bent.pwm_max, rel=1e-12)
+    assert bent.thrust_from_pwm(65535.0) == pytest.approx(bent.force_max / bent.mass, rel=1e-14)
+    hover = float(bent.pwm_from_thrust(GRAVITY))
+    raised = float(bent.thrust_from_pwm(hover * 1.0001)) / GRAVITY
+    assert raised - 1.0 == pytest.approx(slope * 0.0001, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_general_thrust_map_tends_to_the_linear_one(name: str) -> None:
+    linear, nearly = profile(name), replace(profile(name), thrust_slope=1.0 + 1e-12)
+    assert linear.thrust_slope == 1.0
+    pwm = np.linspace(1000.0, 65535.0, 50)
+    for method in ("thrust_from_pwm", "force_from_pwm"):
+        np.testing.assert_allclose(getattr(nearly, method)(pwm), getattr(linear, method)(pwm), rtol=1e-10)
+    np.testing.assert_allclose(nearly.pwm_from_thrust([5.0, 12.0]), linear.pwm_from_thrust([5.0, 12.0]), rtol=1e-10)
+    assert nearly.thrust_max == pytest.approx(linear.thrust_max, rel=1e-10)
+
+
+def test_a_drone_whose_bent_thrust_map_does_not_reach_its_weight_is_refused() -> None:
+    with pytest.raises(FlatsatError, match="all that the motors lift"):
+        replace(profile(), force_max=0.3, thrust_slope=1.5)  # 0.3 N (60000 / 65535)^1.5 lift 26.8 g
+
+
+def test_intervals_are_read_and_those_left_out_are_not_known(tmp_path: Path) -> None:
+    document = yaml.safe_load((VEHICLES / "cf21.yaml").read_text())
+    (path := tmp_path / "known.yaml").write_text(
+        yaml.safe_dump(document | {"intervals": {"damping": [0.4, 1], "lag_and_delay": [0.1, 0.2]}})
+    )
+    known = VehicleProfile.load(path).intervals
+    assert known == Intervals(damping=(0.4, 1.0), lag_and_delay=(0.1, 0.2))
+    assert known.drag_z is None
+    assert profile().intervals is None
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -92,6 +136,14 @@ def test_lag_is_the_slowest_of_attitude_and_thrust(name: str) -> None:
         ({"dynamics.attitude.integral_pole": 0.4}, "integral_pole = 0.4 rad/s: must be .* 0 without"),
         ({"dynamics.thrust_lag_up": 0.0}, "thrust_lag_up"),
         ({"dynamics.drag_z": -1.0}, "drag_z"),
+        ({"dynamics.velocity_tilt": -0.01}, "velocity_tilt = -0.01 rad s/m: must be 0, or a number from"),
+        ({"thrust_slope": 0.2}, "thrust_slope = 0.2: must be a number from 0.25 to 4"),
+        ({"thrust_slope": "steep"}, "thrust_slope = 'steep': must be a number"),
+        ({"intervals": None}, "intervals = None: must be a mapping"),
+        ({"intervals": {"colour": [0.0, 1.0]}}, "colour"),
+        ({"intervals": {"damping": [0.5]}}, "intervals.damping = .0.5.: must be a list of 2 numbers"),
+        ({"intervals": {"damping": [0.6, 0.5]}}, "damping = .0.6, 0.5.: must be an interval, the smaller end first"),
+        ({"intervals": {"drag_xy": [0.1, float("inf")]}}, "drag_xy = inf 1/s: must be a number"),
         ({"battery.critical_voltage": 3.5}, "low_voltage"),
         ({"battery.landing_voltage": 2.9}, "landing_voltage = 2.9 V: must be at least critical_voltage, 3.0 V"),
         ({"battery.warning_voltage": 3.2}, "warning_voltage = 3.2 V: must be above landing_voltage, 3.2 V"),

@@ -218,3 +218,19 @@ def test_a_second_order_response_is_the_limit_of_a_small_actuator_lag() -> None:
         return float(body.angles[0, 0])
 
     assert step_response(1e-5) == pytest.approx(step_response(0.0), abs=1e-4)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, -2.5])
+def test_a_drone_that_tilts_with_its_velocity_leans_against_it_and_slows_down(yaw: float) -> None:
+    tilt = 0.03  # rad s/m
+    body = bodies(Identified(dataclasses.replace(CF21, drag_xy=0.0, drag_z=0.0, velocity_tilt=tilt)), yaw=yaw)
+    body.velocity[0, :2] = begin = np.array([1.0, -0.5])
+    for _ in range(500):
+        body.step(np.full(1, GRAVITY), angles(yaw=yaw), STILL)
+    # what leans against the velocity with small angles is a drag of g k, behind the lag of the attitude
+    slower = np.exp(-GRAVITY * tilt * (500 * STEP - CF21.attitude.mean_delay))
+    assert_allclose(body.velocity[0, :2], slower * begin, atol=0.01)
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    ahead, left = np.array([[cos, sin], [-sin, cos]]) @ body.velocity[0, :2]
+    roll, pitch, _ = body.angles[0]
+    assert_allclose([roll, pitch], [tilt * left, -tilt * ahead], atol=0.005)

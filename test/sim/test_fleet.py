@@ -158,6 +158,16 @@ def test_motor_commands_come_in_8_bit_steps_and_in_11_bit_steps_with_dshot() -> 
         assert (forces <= pwm * profile.force_max / 65535 + 1e-9).all()
 
 
+@pytest.mark.parametrize("dynamics", ["identified", "ideal"])
+def test_a_bent_thrust_map_gives_the_force_that_the_profile_promises(dynamics: str) -> None:
+    bent = dataclasses.replace(CF21, thrust_slope=0.75, force_max=0.4)
+    pwm = np.linspace(0.8, 1.1, 200) * float(bent.pwm_from_thrust(GRAVITY))
+    fleet = SimulatedFleet(bent, 200, dynamics=dynamics)
+    forces = fleet.power.step(pwm, np.full(200, True))
+    assert forces == pytest.approx(bent.mass * bent.thrust_from_pwm(pwm), rel=0.02)  # 8-bit steps
+    assert abs(np.polyfit(np.log(pwm), np.log(forces), 1)[0] - 0.75) < 0.03
+
+
 def test_idling_motors_never_pull_downward() -> None:
     brushless = VehicleProfile.load(VEHICLES / "brushless.yaml")
     fleet = SimulatedFleet(brushless, 1, battery=Battery(voltage=3.0))  # where the force curve's fit is below 0
