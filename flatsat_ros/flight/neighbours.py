@@ -176,7 +176,7 @@ class Neighbours:
             for other, there in self._candidates(index, track, instead or {})
             if (scale * there.scale < 1.0).any()
         ]
-        if not found:
+        if not found or not math.isfinite(self.now):  # before the first tick nobody flies
             return []
         tracks = [there.track for _, there in found]
         scales = np.array([np.maximum(scale, there.scale) for _, there in found])
