@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import struct
 from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pytest
 from fuzzing import MODULES, is_available, kind_of
+from fuzzing.sequence import encoded
 from hypothesis import HealthCheck, given, settings
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.skipif(not is_available(n), reason="not installed")) for n in MODULES]
-)
+def require(name: str) -> None:
+    if not is_available(name):
+        pytest.skip(f"needs {MODULES[name][1]}")
+
+
+@pytest.mark.parametrize("name", MODULES)
 def test_bad_input_is_taken_or_refused_and_breaks_nothing(name: str, tmp_path: Path) -> None:
+    require(name)
     kind, taken = kind_of(name), Counter[bool]()
 
     with kind.open(tmp_path) as attempt:
@@ -25,3 +32,23 @@ def test_bad_input_is_taken_or_refused_and_breaks_nothing(name: str, tmp_path: P
 
         attempt_one()
     assert min(taken[True], taken[False]) >= 10, "some are taken and some are refused, or the inputs say nothing"
+
+
+# what broke something once, by what broke
+FOUND = {
+    "way-points whose differences overflow": ("waypoints", np.array([1.0, 0.0, 1.7e308, 0.0] * 4).tobytes()[:80]),
+    "an external pose that no packet holds": (
+        "bridge",
+        encoded([(1, b"\0\1\0\0" + bytes(8) + b"\1\0\0\0" + bytes(4) + struct.pack("<7d", 1e300, 0, 1, 0, 0, 0, 1))]),
+    ),
+    "a console line without an end": ("crtp", encoded([(0, b"x" * 30)] * 16)),
+    "flags that are infinite": ("crtp", encoded([(0x52, bytes([1, 0, 0, 0]) + struct.pack("<2f", 4.0, np.inf))])),
+}
+
+
+@pytest.mark.parametrize("what", FOUND)
+def test_what_broke_once_stays_mended(what: str, tmp_path: Path) -> None:
+    name, data = FOUND[what]
+    require(name)
+    with kind_of(name).open(tmp_path) as attempt:
+        attempt(data)

@@ -6,7 +6,7 @@ import math
 import re
 import threading
 from collections import Counter
-from collections.abc import Collection, Hashable
+from collections.abc import Collection, Hashable, Iterable
 from dataclasses import dataclass
 from enum import IntFlag
 from typing import Generic, TypeVar
@@ -81,9 +81,19 @@ def sendable(setpoint: WireSetpoint, pwm_max: float) -> WireSetpoint:
         FlatsatError: a value is not finite in the 32 bits that it has in the packet, which the firmware would not
             notice.
     """
-    if not all(math.isfinite(value) and abs(value) <= _FLOAT_MAX for value in setpoint):
-        raise refusal("set-point", tuple(setpoint), "", "finite")
+    require_packable("set-point", setpoint)
     return setpoint._replace(thrust=float(int(min(max(setpoint.thrust, 0.0), pwm_max))))
+
+
+def require_packable(name: str, values: Iterable[float]) -> None:
+    """Refuse numbers that are not finite in the 32 bits that each has in a packet.
+
+    Raises:
+        FlatsatError: names them.
+    """
+    numbers = tuple(values)
+    if not all(abs(value) <= _FLOAT_MAX for value in numbers):
+        raise refusal(name, numbers, "", f"finite and within {_FLOAT_MAX:.3g}")
 
 
 class SupervisorInfo(IntFlag):

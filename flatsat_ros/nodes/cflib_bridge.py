@@ -21,9 +21,16 @@ from geometry_msgs.msg import Twist
 from std_srvs.srv import Empty
 
 from flatsat_ros.base.constants import GRAVITY
-from flatsat_ros.base.errors import FlatsatError, refusal, require
+from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot
-from flatsat_ros.crazyflie.link import Address, PacketQueue, ShutdownSequence, SupervisorInfo, sendable
+from flatsat_ros.crazyflie.link import (
+    Address,
+    PacketQueue,
+    ShutdownSequence,
+    SupervisorInfo,
+    require_packable,
+    sendable,
+)
 from flatsat_ros.crazyflie.outbox import Outbox, Packet, Stream
 from flatsat_ros.flight.policy import Policy
 from flatsat_ros.nodes import crazyswarm
@@ -235,7 +242,7 @@ class CflibBridge(ProgramNode):
             cdr.require_short(data)
             _, position, quaternion = cdr.pose_from_cdr(data)
             values = position + quaternion if with_attitude else position
-            require(all(map(math.isfinite, values)), "external pose", values, "", "finite")
+            require_packable("external pose", values)
             link.locate(position, quaternion if with_attitude else None)
 
     def _on_emergency(self, links: Sequence[Link], _: Empty.Request, answer: Empty.Response) -> Empty.Response:

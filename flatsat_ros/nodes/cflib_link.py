@@ -22,6 +22,7 @@ import cflib.crtp
 from cflib.crazyflie import Crazyflie
 from cflib.crazyflie.log import LogConfig
 
+from flatsat_ros.base.errors import one_line
 from flatsat_ros.crazyflie.link import Address
 from flatsat_ros.crazyflie.outbox import Outbox
 from flatsat_ros.crazyflie.wire import WireSetpoint
@@ -30,6 +31,7 @@ _RETRY = 1.0  # s between two attempts to reach a drone that does not answer
 _LOOK = 0.02  # s between two looks at the link while there is nothing to send
 _STATUS_PERIOD = 500  # ms, of battery and supervisor
 _CONSOLE_LINES = 5
+CONSOLE_CHARACTERS = 300  # of one line
 _CFLIB_PREFIX = "Couldn't load link driver: "
 
 POSITION = ("stateEstimate.x", "stateEstimate.y", "stateEstimate.z")
@@ -212,12 +214,9 @@ class Link:
     def _serve(self, cf: _Crazyflie) -> bool:
         """Open a connection and send until it is lost or nothing is left; return whether the drone answered."""
         ready, sender = threading.Event(), _CflibSender(cf)
-        cf.packet_received.add_callback(cf.note_packet)
         cf.connection_failed.add_callback(lambda _, text: cf.note_error(text))
         cf.connected.add_callback(lambda _: ready.set())
-        cf.console.receivedChar.add_callback(self._on_console)
-        cf.link_statistics.link_quality_updated.add_callback(partial(self.values.__setitem__, "link quality %"))
-        cf.link_statistics.latency_updated.add_callback(partial(self.values.__setitem__, "latency ms"))
+        self._attach(cf)
         # a request or a report from before may be about a drone that was rebooted since
         self.outbox.forget_requests()
         self.values.clear()
@@ -243,6 +242,13 @@ class Link:
                 cf.note_error(f"silent for {self._settings.timeout:g} s")
         return self.connected
 
+    def _attach(self, cf: _Crazyflie) -> None:
+        """Hear what the drone says unasked."""
+        cf.packet_received.add_callback(cf.note_packet)
+        cf.console.receivedChar.add_callback(self._on_console)
+        cf.link_statistics.link_quality_updated.add_callback(partial(self.values.__setitem__, "link quality %"))
+        cf.link_statistics.latency_updated.add_callback(partial(self.values.__setitem__, "latency ms"))
+
     def _listen(self, cf: _Crazyflie) -> None:
         """Have the drone report its battery and supervisor, and its estimate if that was asked for."""
         known = [name for name in (VOLTAGE, SUPERVISOR) if cf.log.toc.get_element_by_complete_name(name)]
@@ -267,17 +273,21 @@ class Link:
             block.start()
 
     def _on_status(self, data: dict[str, float]) -> None:
-        self.values.update(data)
-        if VOLTAGE in data:
-            self._on_battery(data[VOLTAGE])
+        """Take what is a number; other firmware may log other types under these names."""
+        told = {name: value for name, value in data.items() if math.isfinite(value)}
+        self.values.update(told)
+        if VOLTAGE in told:
+            self._on_battery(told[VOLTAGE])
 
     def _on_estimate(self, data: dict[str, float]) -> None:
         self._on_pose(tuple(data[name] for name in POSITION), tuple(data[name] for name in QUATERNION))
 
     def _on_console(self, text: str) -> None:
-        """Collect lines from the pieces that packets hold."""
+        """Collect lines from the pieces that packets hold; one that does not end is told in parts."""
         *lines, self._line = (self._line + text).split("\n")
-        for line in filter(None, map(str.strip, lines)):
+        if len(self._line) > CONSOLE_CHARACTERS:
+            lines, self._line = [*lines, self._line], ""
+        for line in filter(None, (one_line(line, CONSOLE_CHARACTERS) for line in lines)):
             self.console.append(line)
             self._on_line(line)
 

@@ -23,6 +23,8 @@ MODULES = {
     "metadata": ("bag", "rclpy"),
     "cdr": ("cdr", "rclpy"),
     "controller": ("controller", "rclpy"),
+    "crtp": ("bridge", "cflib"),
+    "bridge": ("bridge", "cflib"),
 }
 
 

@@ -13,10 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-import rclpy
 from geometry_msgs.msg import Twist
 from hypothesis import strategies as st
-from rclpy.logging import LoggingSeverity
 from rclpy.parameter import Parameter
 from room import EPOCH, Room, pose
 from std_srvs.srv import SetBool
@@ -30,6 +28,7 @@ from flatsat_ros.nodes.ros.messages import NANOSECONDS
 from fuzzing.cdr import poses, trajectories
 from fuzzing.damage import FLOATS
 from fuzzing.kind import Attempt, Kind
+from fuzzing.nodes import own_context, silenced
 from fuzzing.sequence import Item, decoded, sequences
 
 _TOPICS = ("pose", "goal_pose", "trajectory")
@@ -89,7 +88,6 @@ class _Attacked:
         self.room = Room("-p", "certificate:=cf21_50hz")
         self.room.hover("cf1", "cf2")
         node, self._ticks = self.room.node, self.room._ticks
-        node.get_logger().set_level(LoggingSeverity.FATAL)
         self._places = self.room.fleet.bodies.position.copy()
         limits = node._certificate.limits
         self._wires = [_Recorded(limits.tilt_max, vehicle.pwm_max) for vehicle in node._vehicles]
@@ -173,13 +171,10 @@ class _Attacked:
 
 @contextmanager
 def _open(_: Path) -> Iterator[Attempt]:
-    attacked = _Attacked()
-    try:
+    with own_context():
+        attacked = _Attacked()
+    with silenced(attacked.room.node):
         yield attacked.attempt
-    finally:
-        attacked.room.node.get_logger().set_level(LoggingSeverity.UNSET)  # it belongs to the process
-        attacked.room.node.destroy_node()
-        rclpy.try_shutdown()
 
 
 CONTROLLER = Kind(sequences(_ITEMS), _open)
