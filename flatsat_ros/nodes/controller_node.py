@@ -162,6 +162,11 @@ class ControllerNode(ProgramNode):
         for publisher in self._command_publishers:
             publisher.wait_for_all_acked(Duration(seconds=max(end - time.monotonic(), 0.0)))
 
+    def destroy_node(self) -> None:
+        """Destroy what belongs to the node, too."""
+        self._rivals.close()
+        super().destroy_node()  # type: ignore[no-untyped-call]
+
     def _connect(self, index: int, robot: str) -> None:
         pose, goal, trajectory = interfaces.POSE, interfaces.GOAL, interfaces.TRAJECTORY
         command, report = interfaces.COMMAND, interfaces.TELEMETRY
@@ -360,10 +365,11 @@ class ControllerNode(ProgramNode):
                     link.release(in_flight=False)
 
     def _look_around(self) -> None:
+        with self.faults.contain("rivals"):
+            self._rivals.look_around()
         offered = dict(self.get_service_names_and_types())
         for index, robot in enumerate(self.robots):
             with self.faults.contain(f"{robot}/services"):
-                self._rivals.look(index)
                 self._links[index].find_services(offered)
 
     def _report(self, _: int) -> list[Report]:

@@ -1,59 +1,141 @@
-"""Who else publishes where only one may: set-points and poses of a robot."""
+"""Who else sends where only one may: set-points, poses and telemetry of a robot, judged by the messages themselves.
+
+Two controllers of one drone, or two sources of its poses, make it fly somewhere between what each wants. The ROS graph
+tells who publishes, but not who sends: a joystick node may stay silent, and a process that was killed stays listed for
+up to 20 s. So where more than one is listed, a subscription listens. A publisher numbers its messages; two that send at
+the same time make the numbers go back and forth. A second controller shows in the telemetry, which it sends while it is
+still silent otherwise: it would take off on the same goal.
+"""
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Sequence, Sized
+from enum import Enum
+from typing import Any
 
 from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.nodes.ros import interfaces
 
-_SINGLE = (interfaces.COMMAND, interfaces.POSE)
-_ADVICE = "stop all but one; a process that was killed stays listed for up to 20 s: wait so long"
+_SINGLE = (interfaces.COMMAND, interfaces.POSE, interfaces.TELEMETRY)
+# senders that are heard within this time, s, of each other are there together; so long it takes to know that none is
+_HOLD = 2.0
+# the last of our own set-points arrives within this time, s
+_LAST_COMMAND = 0.5
+# to open a subscription takes 3 ms: so many are opened at once
+_OPENINGS = 4
+# messages between two looks, of two senders at 200 Hz
+_DEPTH = 500
+
+
+class Heard(Enum):
+    """How many send on a topic."""
+
+    ONE = "at most one"
+    UNKNOWN = "not known yet"
+    SEVERAL = "more than one"
+
+
+class Ear:
+    """Listens to one topic, from one look to the next."""
+
+    def __init__(self, subscription: Any, now: float) -> None:
+        """Know nothing yet at time now, s; the subscription takes raw messages and is left to this object alone."""
+        self.subscription = subscription
+        self._number: int | None = None  # of the newest message
+        self._known_at, self._several_until = now + _HOLD, -math.inf
+
+    def listen(self, now: float, listed: int, *, silent: bool) -> Heard:
+        """Take what has come since the last look, and return how many send.
+
+        Args:
+            now: s.
+            listed: how many publishers the graph shows.
+            silent: we do not send, although we are a publisher of the topic: what is heard is of others.
+        """
+        if self.subscription.get_publisher_count() < listed:
+            self._known_at = now + _HOLD
+        while (taken := self.subscription.handle.take_message(self.subscription.msg_type, True)) is not None:
+            number = taken[1]["publication_sequence_number"]
+            # a middleware that does not number messages leaves it to the graph
+            if silent or number is None or (self._number is not None and number <= self._number):
+                self._several_until = now + _HOLD
+            self._number = number
+        if now < self._several_until:
+            return Heard.SEVERAL
+        return Heard.UNKNOWN if now < self._known_at else Heard.ONE
 
 
 class Rivals:
-    """Publishers that stand in each other's way, as the ROS graph shows them.
-
-    Two controllers of one drone, or two sources of its poses, make it fly somewhere between what each wants. One that
-    is silent counts as well: a second controller would take off on the same goal. A publisher that was killed stays in
-    the graph until DDS gives up its process, for up to 20 s.
+    """Those who send in each other's way, for a controller that sends set-points and telemetry itself.
 
     Attributes:
         starting: drones that have a reference and are not in the air yet: looked at before each tick that may let them.
     """
 
-    def __init__(self, node: Node, robots: Sequence[str], bar: Callable[[int, str], None]) -> None:
-        """Know of none; the node publishes the set-points of these robots itself.
+    def __init__(
+        self,
+        node: Node,
+        robots: Sequence[str],
+        bar: Callable[[int, str], None],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Know of none.
 
         Args:
             node: looks, and tells.
             robots: their names.
             bar: called with the number of a robot and why it must not take off, empty if it may.
+            clock: shows s and is never set.
         """
         self.starting: set[int] = set()
-        self._node, self._robots, self._bar = node, list(robots), bar
+        self._node, self._robots, self._bar, self._clock = node, list(robots), bar, clock
+        self._topics = [[node.resolve_topic_name(topic.of(robot)) for topic in _SINGLE] for robot in robots]
         self._found = [""] * len(self._robots)
+        self._silent_from = [-math.inf] * len(self._robots)
+        self._ears: dict[str, Ear] = {}
+        self._ear_node: Node | None = None  # in no executor: rclpy's EventsExecutor cannot hand on the numbers
+        self._openings = 0
 
-    def look(self, index: int) -> None:
-        """Look who publishes now in the place of drone index, bar it accordingly, and tell what has changed."""
-        robot = self._robots[index]
-        found = "; ".join(filter(None, (self._publishers(topic.of(robot)) for topic in _SINGLE)))
-        self._bar(index, f"{found}: {_ADVICE}" if found else "")
-        if found == self._found[index]:
-            return
-        self._found[index] = found
-        if found:
+    def look_around(self) -> None:
+        """Look at all drones."""
+        self._openings = _OPENINGS
+        for index in range(len(self._robots)):
+            self.look(index)
+
+    def look(self, index: int) -> bool:
+        """Listen who sends now in the place of drone index, tell what has changed, and bar it; return whether it is."""
+        robot, now, several, doubtful = self._robots[index], self._clock(), [], []
+        for topic, name in zip(_SINGLE, self._topics[index], strict=True):
+            listed = self._node.count_publishers(name)
+            if listed < 2:
+                self._close(name)
+                continue
+            ear = self._ear(topic.kind, name, now)
+            silent = topic is interfaces.COMMAND and now >= self._silent_from[index]
+            heard = Heard.UNKNOWN if ear is None else ear.listen(now, listed, silent=silent)
+            if heard is Heard.SEVERAL:
+                several.append(f"more than one sends {topic.of(robot)}, of its publishers {self._publishers(name)}")
+            elif heard is Heard.UNKNOWN:
+                doubtful.append(f"{topic.of(robot)} has the publishers {self._publishers(name)}")
+        found = "; ".join(several)
+        advice = "stop all but one" if several else f"if only one of them sends, that is known after {_HOLD:g} s"
+        self._bar(index, f"{'; '.join(several or doubtful)}: {advice}" if several or doubtful else "")
+        if found and not self._found[index]:
             self._node.get_logger().error(f"{robot}: no take-off: {found}")
-        else:
+        elif self._found[index] and not found:
             self._node.get_logger().info(f"{robot}: one controller and one source of poses again")
+        self._found[index] = found
+        return bool(several or doubtful)
 
     def look_before_start(self, poses: Sequence[Sized]) -> None:
         """Look for rivals of the drones that may start at this tick: those whose poses have come."""
         for index in [index for index in self.starting if poses[index]]:
-            self.look(index)
-            if self._found[index]:
+            if self.look(index):
                 self.starting.discard(index)  # its take-off is called off
 
     def follow(self, index: int, mode: Mode) -> None:
@@ -62,15 +144,41 @@ class Rivals:
             self.starting.add(index)
         else:
             self.starting.discard(index)
+        self._silent_from[index] = self._clock() + _LAST_COMMAND if mode is Mode.IDLE else math.inf
 
     def of(self, index: int) -> str:
         """Return a sentence about those of drone index, empty if there are none."""
         return self._found[index]
 
-    def _publishers(self, topic: str) -> str:
-        """Return who publishes a topic if there is more than one, empty otherwise."""
-        if self._node.count_publishers(topic) < 2:
-            return ""
-        found = self._node.get_publishers_info_by_topic(topic)
-        names = sorted(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in found)
-        return f"{len(names)} publish {topic}: {', '.join(names)}"
+    def close(self) -> None:
+        """Listen no more."""
+        self._ears.clear()
+        if self._ear_node is not None:
+            self._ear_node.destroy_node()
+
+    def _ear(self, kind: type[Any], name: str, now: float) -> Ear | None:
+        """Return what listens to a topic, None where it cannot be opened now."""
+        if name not in self._ears and self._openings > 0:
+            self._openings -= 1
+            if self._ear_node is None:
+                self._ear_node = Node(
+                    "_flatsat_ear",
+                    context=self._node.context,
+                    use_global_arguments=False,
+                    enable_rosout=False,
+                    start_parameter_services=False,
+                )
+            quality = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+            subscription = self._ear_node.create_subscription(kind, name, lambda _: None, quality, raw=True)
+            self._ears[name] = Ear(subscription, now)
+        return self._ears.get(name)
+
+    def _close(self, name: str) -> None:
+        ear = self._ears.pop(name, None)
+        if ear is not None and self._ear_node is not None:
+            self._ear_node.destroy_subscription(ear.subscription)
+
+    def _publishers(self, name: str) -> str:
+        """Return who publishes a topic."""
+        found = self._node.get_publishers_info_by_topic(name)
+        return ", ".join(sorted(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in found))

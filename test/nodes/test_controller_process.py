@@ -26,6 +26,7 @@ from std_srvs.srv import SetBool
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.controller_node import ControllerNode
+from flatsat_ros.nodes.rivals import Ear, Heard
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.diagnostics import Level
 from flatsat_ros.nodes.ros.messages import NANOSECONDS
@@ -295,30 +296,45 @@ def test_lines_about_a_drone_are_throttled(room: Callable[..., Room], capfd: pyt
     assert lab.node.faults.counts["cf1/goal_pose"] == 1000
 
 
-def test_while_another_publishes_set_points_or_poses_no_drone_takes_off(
+def test_while_another_sends_set_points_or_poses_no_drone_takes_off(
     room: Callable[..., Room], capfd: pytest.CaptureFixture[str]
 ) -> None:
+    """Over DDS, but for the clock: who only publishes and is silent keeps nobody on the ground for long."""
     lab = room()
+    rivals = lab.node._rivals
     lab.run(0.5)
-    rival = rclpy.create_node("rival", namespace="/lab")
-    topics = [rival.create_publisher(t.kind, f"/{t.of('cf1')}", 10) for t in (interfaces.COMMAND, interfaces.POSE)]
-    topics.append(rival.create_publisher(PoseStamped, "/cf1/pose", 10))
+    other = rclpy.create_node("rival", namespace="/lab")
+    command, first, second = (
+        other.create_publisher(t.kind, f"/{t.of('cf1')}", 10)
+        for t in (interfaces.COMMAND, interfaces.POSE, interfaces.POSE)
+    )
 
     def look(until: Callable[[], object]) -> None:
         for _ in range(200):
-            lab.node._rivals.look(0)
+            rivals.look_around()
             if until():
                 return
-            rclpy.spin_once(rival, timeout_sec=0.05)
-        pytest.fail("the graph does not change")
+            rclpy.spin_once(other, timeout_sec=0.05)
+        pytest.fail("nothing is heard")
 
-    look(lambda: "cmd_vel_legacy" in lab.node._rivals.of(0) and "pose" in lab.node._rivals.of(0))
+    def refusal() -> str:
+        answer = lab.ask("cf1/flatsat/takeoff")
+        return "" if answer.success else str(answer.message)
+
+    look(lambda: len(rivals._ears) == 2 and "is known after 2 s" in refusal())
+    lab.run(2.5)
+    look(lambda: not lab.node._pilot.clearance._reasons)
+
+    for message in (Twist(), Twist()):
+        command.publish(message)
+    for publisher in (first, second, first, second):
+        publisher.publish(PoseStamped())
+    look(lambda: "cmd_vel_legacy" in rivals.of(0) and "pose" in rivals.of(0))
     answer = lab.ask("all/flatsat/takeoff")
     assert not answer.success
     assert (
-        "cf1: takeoff refused: 2 publish cf1/cmd_vel_legacy: /flatsat_controller, /lab/rival; "
-        "2 publish cf1/pose: /lab/rival, /lab/rival: "
-        "stop all but one; a process that was killed stays listed for up to 20 s: wait so long"
+        "cf1: takeoff refused: more than one sends cf1/cmd_vel_legacy, of its publishers /flatsat_controller, "
+        "/lab/rival; more than one sends cf1/pose, of its publishers /lab/rival, /lab/rival: stop all but one"
     ) in answer.message
     assert "cf2" not in answer.message
     lab.goal("cf1", 0.0, 0.0, 1.0)
@@ -327,14 +343,19 @@ def test_while_another_publishes_set_points_or_poses_no_drone_takes_off(
     assert lab.modes == [Mode.IDLE, Mode.FLY]
     status, _ = lab.node._report(0)
     assert status.level is Level.ERROR
-    assert status.text.startswith("IDLE: 2 publish cf1/cmd_vel_legacy")
-    for topic in topics:
-        rival.destroy_publisher(topic)
-    look(lambda: not lab.node._rivals.of(0))
-    assert lab.ask("cf1/flatsat/takeoff").success
-    rival.destroy_node()
+    assert status.text.startswith("IDLE: more than one sends cf1/cmd_vel_legacy")
+
+    lab.run(2.5)
+    first.publish(PoseStamped())
+    rclpy.spin_once(other, timeout_sec=0.2)
+    look(lambda: not rivals.of(0))
+    assert refusal() == "", "listed, but silent"
+    for publisher in (command, first, second):
+        other.destroy_publisher(publisher)
+    look(lambda: not rivals._ears)
+    other.destroy_node()
     said = capfd.readouterr().err
-    assert said.count("cf1: no take-off: 2 publish") == 1
+    assert said.count("cf1: no take-off: more than one sends") == 1
     assert "cf1: one controller and one source of poses again" in said
 
 
@@ -344,7 +365,8 @@ def test_a_rival_that_appears_before_the_motors_start_calls_the_take_off_off(
 ) -> None:
     lab = room()
     rivals: list[str] = []
-    monkeypatch.setattr(lab.node._rivals, "_publishers", lambda topic: "two" if topic in rivals else "")
+    monkeypatch.setattr(lab.node, "count_publishers", lambda topic: 2 if topic in rivals else 1)
+    monkeypatch.setattr(Ear, "listen", lambda *_, **__: Heard.SEVERAL)
     lab.run(0.5)
     lab.blind = {0} if waits else set()
     lab.run(1.0)
@@ -352,13 +374,14 @@ def test_a_rival_that_appears_before_the_motors_start_calls_the_take_off_off(
         lab.goal(robot, float(robot == "cf2"), 0.0, 1.0)
     lab.run(0.1)
     assert lab.modes == [Mode.IDLE if waits else Mode.UNLOCK, Mode.UNLOCK]
-    rivals.append("cf1/pose")
+    rivals.append("/cf1/pose")
+    lab.node._rivals._openings = 1
     lab.blind = set()
     lab.run(2.0)
     assert lab.modes == [Mode.IDLE, Mode.FLY]
     assert not any(sent.thrust for sent in lab.wires[0].sent)
     said = capfd.readouterr().err
-    assert said.count("cf1: its take-off is called off: two: stop all but one") == 1
+    assert said.count("cf1: its take-off is called off: more than one sends cf1/pose") == 1
     rivals.clear()
     lab.node._look_around()
     lab.run(2.0)

@@ -1,0 +1,93 @@
+"""Who sends is heard from the numbers of the messages: laws, with numbers as two publishers give them."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flatsat_ros.nodes.rivals import _HOLD, Ear, Heard
+
+pytestmark = pytest.mark.in_process
+
+
+class Queue:
+    """Takes the place of a subscription: hands out what has come.
+
+    Attributes:
+        numbers: of the messages.
+        matched: publishers that are connected.
+    """
+
+    msg_type = object
+
+    def __init__(self, matched: int = 2) -> None:
+        self.numbers: list[int | None] = []
+        self.matched = matched
+        self.handle = SimpleNamespace(take_message=self._take)
+
+    def get_publisher_count(self) -> int:
+        return self.matched
+
+    def _take(self, _: Any, raw: bool) -> tuple[bytes, dict[str, int | None]] | None:
+        assert raw
+        return (b"", {"publication_sequence_number": self.numbers.pop(0)}) if self.numbers else None
+
+
+def heard(ear: Ear, now: float, *numbers: int | None, silent: bool = False) -> Heard:
+    ear.subscription.numbers += numbers
+    return ear.listen(now, 2, silent=silent)
+
+
+@given(st.lists(st.integers(1, 10**6), unique=True).map(sorted), st.integers(1, 5))
+def test_one_sender_is_one_whatever_it_loses(numbers: list[int], looks: int) -> None:
+    ear = Ear(Queue(), 0.0)
+    for look in range(looks):
+        part = numbers[look * len(numbers) // looks : (look + 1) * len(numbers) // looks]
+        assert heard(ear, 0.1 * look, *part) is Heard.UNKNOWN
+    assert heard(ear, _HOLD) is Heard.ONE
+
+
+@given(
+    st.integers(1, 10**6),
+    st.integers(1, 10**6),
+    st.lists(st.booleans(), max_size=30),
+    st.integers(0, 33),
+    st.booleans(),
+)
+def test_two_senders_are_two_as_soon_as_one_sends_before_and_after_the_other(
+    first: int, second: int, order: list[bool], cut: int, mirrored: bool
+) -> None:
+    """Each numbers its own messages one by one, from wherever it is; a look may fall between any two of them."""
+    following = {False: first, True: second}
+    numbers = []
+    for sender in (*order, mirrored, not mirrored, mirrored):
+        numbers.append(following[sender])
+        following[sender] += 1
+    ear = Ear(Queue(), 0.0)
+    heard(ear, 1.0, *numbers[:cut])
+    assert heard(ear, 1.0 + 0.9 * _HOLD, *numbers[cut:]) is Heard.SEVERAL
+    assert heard(ear, 1.0 + 2.0 * _HOLD) is Heard.ONE
+
+
+def test_what_is_heard_while_we_are_silent_is_another() -> None:
+    ear = Ear(Queue(), 0.0)
+    assert heard(ear, 0.0, 7, silent=True) is Heard.SEVERAL
+    assert heard(ear, 1.0, 8, 9) is Heard.SEVERAL
+    assert heard(ear, _HOLD, 10) is Heard.ONE
+
+
+def test_until_all_that_are_listed_are_connected_nothing_is_known() -> None:
+    queue = Queue(matched=1)
+    ear = Ear(queue, 0.0)
+    assert heard(ear, 10.0, 1, 2, 3) is Heard.UNKNOWN
+    queue.matched = 2
+    assert heard(ear, 11.0, 4) is Heard.UNKNOWN
+    assert heard(ear, 10.0 + _HOLD, 5) is Heard.ONE
+
+
+def test_without_numbers_every_message_counts() -> None:
+    assert heard(Ear(Queue(), 0.0), 10.0, None) is Heard.SEVERAL
