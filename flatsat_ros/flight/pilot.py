@@ -261,6 +261,7 @@ class Pilot:
         done = ""
         if finding.charge is Charge.EMPTY:
             done = ": it does not take off"
+            self.traffic.withdraw(index)
             if self.mode[index] in AIRBORNE:
                 done = ": it brakes and lands"
                 self._guidance.land(index, self._now)

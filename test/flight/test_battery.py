@@ -173,6 +173,19 @@ def test_a_drone_warns_then_lands_and_stays_down_until_its_battery_is_good_again
     assert abs(world.state[0, 2] - 0.5) < 0.1
 
 
+def test_an_empty_battery_lands_a_drone_whose_goal_waits_for_another() -> None:
+    world = World(2)
+    world.hover()
+    world.pilot.set_goal(0, [4.0, 0.0, 1.0])
+    (told,) = world.feed(GOOD, 1)
+    assert "its goal waits" in told
+    assert world.feed(EMPTY, 5) == ["battery = 3.10 V: at or below 3.2 V for 3 s: it brakes and lands"]
+    world.pilot.set_goal(1, [2.0, 3.0, 1.0])
+    assert world.feed(EMPTY, 8) == [], "nor does it set out when the way is clear"
+    assert world.pilot.mode.tolist() == [Mode.IDLE, Mode.FLY]
+    assert world.state[0, :3] == pytest.approx([0.0, 0.0, 0.0], abs=0.05)
+
+
 def test_messages_that_cease_change_nothing() -> None:
     world = World()
     world.hover()
