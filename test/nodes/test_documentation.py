@@ -11,7 +11,7 @@ import pytest
 import rclpy
 import yaml
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.identification.recording import COLUMNS
@@ -66,14 +66,16 @@ def kind(interface: Any) -> str:
 
 def quality(profile: QoSProfile) -> str:
     """A quality of service as the page writes it."""
-    return f"{profile.reliability.name.lower().replace('_', ' ')}, depth {profile.depth}"
+    kept = ", transient local" if profile.durability is DurabilityPolicy.TRANSIENT_LOCAL else ""
+    return f"{profile.reliability.name.lower().replace('_', ' ')}{kept}, depth {profile.depth}"
 
 
 def offer_of(node: Node) -> Offer:
     """What a node offers."""
 
     def name(resolved: str) -> str:
-        return re.sub(r"^/cf1/", "<robot>/", resolved) if resolved != interfaces.DIAGNOSTICS else resolved
+        relative = resolved.removeprefix("/")
+        return re.sub("^cf1/", "<robot>/", relative) if resolved != interfaces.DIAGNOSTICS else resolved
 
     parameters = {
         name: (value.value, value.type_.name.lower().replace("_", " "), not node.describe_parameter(name).read_only)
