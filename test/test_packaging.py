@@ -23,6 +23,7 @@ from flatsat_ros.base.resources import config_path
 EXECUTABLES = [
     "calibrate_hover",
     "cflib_bridge",
+    "console",
     "controller",
     "demo",
     "falsify",

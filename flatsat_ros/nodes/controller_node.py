@@ -9,7 +9,8 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from typing import TypeVar
 
@@ -100,6 +101,8 @@ class ControllerNode(ProgramNode):
         self._pilot = Pilot(self._certificate, tuning.tuning(), policy, len(self.robots), self.robots, others)
         tuning.follow(self._pilot.retune)
         SetupReport(self, self._certificate, policy)
+        refusals = interfaces.REFUSALS
+        self._refusals = self.create_publisher(refusals.kind, refusals.suffix, refusals.publish)
 
         count = len(self.robots)
         self._stamps = StampClock(count, lambda: self.get_clock().now().nanoseconds, time.monotonic_ns)
@@ -258,15 +261,26 @@ class ControllerNode(ProgramNode):
                     self._pilot.measure(index, measured, position, quaternion, self._stamps.now)
 
     def _on_goal(self, index: int, data: bytes) -> None:
-        cdr.require_short(data)
-        cdr.require_frame(data, self._world)
-        self._set_reference(index, cdr.setpoint_from_cdr(data))
+        with self._telling(index, interfaces.GOAL):
+            cdr.require_short(data)
+            cdr.require_frame(data, self._world)
+            self._set_reference(index, cdr.setpoint_from_cdr(data))
 
     def _on_trajectory(self, index: int, data: bytes) -> None:
-        cdr.require_frame(data, self._world)
-        self._look_at_clock()
-        now = self.get_clock().now().nanoseconds
-        self._set_reference(index, cdr.trajectory_from_cdr(data, now, self._stamps.origin()))
+        with self._telling(index, interfaces.TRAJECTORY):
+            cdr.require_frame(data, self._world)
+            self._look_at_clock()
+            now = self.get_clock().now().nanoseconds
+            self._set_reference(index, cdr.trajectory_from_cdr(data, now, self._stamps.origin()))
+
+    @contextmanager
+    def _telling(self, index: int, topic: interfaces.Topic) -> Iterator[None]:
+        """Tell on a topic of its own, beside the log, why a reference is refused: nobody answers its sender."""
+        try:
+            yield
+        except FlatsatError as error:
+            self._refusals.publish(messages.text_message(f"{topic.of(self.robots[index])}: {error}"))
+            raise
 
     def _take_voltage(self, index: int, voltage: float) -> None:
         self._pilot.note_battery(index, voltage, self._vehicles[index].battery, self._stamps.now)

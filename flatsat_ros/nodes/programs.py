@@ -36,6 +36,11 @@ def calibrate_hover(argv: Sequence[str] | None = None) -> int:
     return _run("calibrate_hover", argv)
 
 
+def console(argv: Sequence[str] | None = None) -> int:
+    """Run the page that shows and commands the drones."""
+    return _run("console", argv)
+
+
 def _run(module: str, argv: Sequence[str] | None) -> int:
     """Run the main function of a node's module; return the exit code of the process, 2 if a library is missing."""
     try:

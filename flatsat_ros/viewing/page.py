@@ -6,7 +6,7 @@ import base64
 import gzip
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -19,20 +19,39 @@ from flatsat_ros.viewing.flight import Flight
 PAGE = Path(__file__).parent / "page"
 VENDOR = PAGE / "vendor"
 # in the order in which they need each other
-SCRIPTS = ("flight.js", "look.js", "scene.js", "plots.js", "timeline.js", "tables.js", "report.js")
+_COMMON = ("flight.js", "look.js", "scene.js", "plots.js", "timeline.js")
+RECORDED = (*_COMMON, "tables.js", "report.js")
+LIVE = (*_COMMON, "live.js", "console.js")
 
 
 def report(flight: Flight) -> str:
     """Return the page of a flight, self-contained."""
     parts = {
-        "style": _read(VENDOR / "uPlot.min.css") + _read(PAGE / "style.css"),
+        "style": _style("style.css"),
         "flight": base64.b64encode(gzip.compress(encode(flight), compresslevel=6, mtime=0)).decode(),
-        "script": "\n".join([_read(VENDOR / "vendor.js"), *(_read(PAGE / name) for name in SCRIPTS)]),
+        "script": _script(RECORDED),
     }
     page = _read(PAGE / "report.html").replace("<title>Flight report", f"<title>{escape(flight.title)}")
+    return _filled(page, parts)
+
+
+def console() -> str:
+    """Return the page of the console, which is fed by `viewing.server`."""
+    return _filled(_read(PAGE / "console.html"), {"style": _style("style.css", "console.css"), "script": _script(LIVE)})
+
+
+def _filled(page: str, parts: Mapping[str, str]) -> str:
     for name, text in parts.items():
         page = page.replace("{{" + name + "}}", text)
     return page
+
+
+def _style(*names: str) -> str:
+    return _read(VENDOR / "uPlot.min.css") + "\n".join(_read(PAGE / name) for name in names)
+
+
+def _script(names: Sequence[str]) -> str:
+    return "\n".join([_read(VENDOR / "vendor.js"), *(_read(PAGE / name) for name in names)])
 
 
 def encode(flight: Flight) -> bytes:
@@ -51,9 +70,9 @@ def encode(flight: Flight) -> bytes:
             "title": flight.title,
             "duration": flight.duration,
             "notes": list(flight.notes),
-            "setup": _plain(dict(flight.setup)),
-            "events": [_plain(vars(event)) for event in flight.events],
-            "figures": _plain(figures_of(flight)),
+            "setup": plain(dict(flight.setup)),
+            "events": [plain(vars(event)) for event in flight.events],
+            "figures": plain(figures_of(flight)),
             "drones": [
                 {
                     "name": track.name,
@@ -70,14 +89,14 @@ def encode(flight: Flight) -> bytes:
     return b"".join([len(header).to_bytes(4, "little"), header, b"\0" * (-len(header) % 4), *arrays])
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Return a value as JSON has it: what is not finite becomes null."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):
-        return {str(name): _plain(entry) for name, entry in value.items()}
+        return {str(name): plain(entry) for name, entry in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(entry) for entry in value]
+        return [plain(entry) for entry in value]
     return value
 
 

@@ -67,6 +67,8 @@ LOG = Topic("/rosout", Log, _reliable(1000), _reliable(1000))
 
 # of the controller, in its namespace, not of a robot: what it is set to
 SETUP = Topic("flatsat/setup", String, _latched(), _latched())
+# of the controller, too: why it refused a goal or a trajectory
+REFUSALS = Topic("flatsat/refusals", String, _reliable(10), _reliable(10))
 
 # The life-cycle of a flight, as services `<robot>/flatsat/<name>` and `all/flatsat/<name>`: the prefix keeps them from
 # clashing with those of crazyswarm2.

@@ -14,7 +14,17 @@ import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, PoseStamped, Quaternion, Transform, Twist, Vector3
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    Log,
+    Parameter,
+    ParameterDescriptor,
+    ParameterType,
+    ParameterValue,
+    SetParametersResult,
+)
+from rcl_interfaces.srv import SetParameters
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout, String
 from std_srvs.srv import SetBool
@@ -71,6 +81,16 @@ def pose_from_message(message: PoseStamped) -> tuple[int, tuple[float, ...], tup
 def text_message(text: str) -> String:
     """Return a message of text."""
     return String(data=text)
+
+
+def text_from_message(message: String) -> str:
+    """Return the text of a message."""
+    return str(message.data)
+
+
+def line_from_message(message: Log) -> tuple[int, str, str]:
+    """Return severity (10 debug to 50 fatal), logger and text of a line of the log."""
+    return int(message.level), str(message.name), str(message.msg)
 
 
 def fill_command(message: Twist, setpoint: WireSetpoint) -> None:
@@ -145,6 +165,23 @@ def refusal_from_answer(answer: Any) -> str:
 def refusal_of_parameters(answer: Any) -> str:
     """Return why parameters were not set, nothing if all were; of rcl_interfaces' SetParameters."""
     return "; ".join(result.reason for result in answer.results if not result.successful)
+
+
+def outcome_from_answer(answer: Any) -> tuple[str, str]:
+    """Return why a service refused, nothing if it did not, and what else it says; of services and of parameters."""
+    if hasattr(answer, "results"):
+        return refusal_of_parameters(answer), ""
+    return refusal_from_answer(answer), str(getattr(answer, "message", ""))
+
+
+def parameters_request(values: Mapping[str, float]) -> SetParameters.Request:
+    """Return the request of rcl_interfaces' SetParameters to set floating-point parameters by name."""
+    return SetParameters.Request(
+        parameters=[
+            Parameter(name=name, value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value))
+            for name, value in values.items()
+        ]
+    )
 
 
 def rise_from_request(request: Any) -> tuple[float, float, float]:

@@ -41,3 +41,10 @@ function clock(seconds) {
 function style(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 }
+
+/** Turn light into dark and back. */
+function switchTheme() {
+  const root = document.documentElement;
+  const isDark = (root.dataset.theme || (window.matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light")) === "dark";
+  root.dataset.theme = isDark ? "light" : "dark";
+}

@@ -55,14 +55,14 @@ function sampled(drone, quantity, times) {
 }
 
 class Plots {
-  constructor(host, flight, onCursor) {
+  constructor(host, flight, onCursor, quantities = QUANTITIES.filter((quantity) => isThere(flight, quantity))) {
     this.host = host;
     this.flight = flight;
     this.onCursor = onCursor;
     this.chosen = flight.drones.map(() => true);
     this.span = [0, flight.end];
     this.plots = [];
-    this.quantities = QUANTITIES.filter((quantity) => isThere(flight, quantity));
+    this.quantities = quantities;
     this.build();
     new ResizeObserver(() => this.resize()).observe(host);
   }

@@ -12,7 +12,7 @@ class Report {
     find("title").textContent = flight.title;
     find("subtitle").textContent = `${flight.drones.length} drone${flight.drones.length === 1 ? "" : "s"}, ${clock(flight.end)} min`;
     const seek = (time) => this.seek(time);
-    this.view = Report.canDraw() ? new View3d(find("scene"), flight) : null;
+    this.view = View3d.canDraw() ? new View3d(find("scene"), flight) : null;
     if (!this.view) find("scene").append(element("p", {}, "This browser has no WebGL: the drones cannot be drawn."));
     this.plots = new Plots(find("plots"), flight, seek);
     this.timeline = new Timeline(find("timeline"), flight, seek);
@@ -31,11 +31,6 @@ class Report {
     document.addEventListener("keydown", (event) => this.key(event));
     // report.html#12.5 opens at 12.5 s
     this.seek(Number(window.location.hash.slice(1)) || 0);
-  }
-
-  static canDraw() {
-    const canvas = document.createElement("canvas");
-    return Boolean(canvas.getContext("webgl2"));
   }
 
   chooser(host) {
@@ -86,9 +81,7 @@ class Report {
   }
 
   switchTheme() {
-    const root = document.documentElement;
-    const isDark = (root.dataset.theme || (window.matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light")) === "dark";
-    root.dataset.theme = isDark ? "light" : "dark";
+    switchTheme();
     this.repaint();
   }
 

@@ -31,6 +31,18 @@ class View3d {
     new ResizeObserver(() => this.resize()).observe(host);
   }
 
+  static canDraw() {
+    return Boolean(document.createElement("canvas").getContext("webgl2"));
+  }
+
+  /** Where the floor is seen at a place of the picture, 0 to 1 from the left and from above; null for the sky. */
+  floorAt(right, down) {
+    const ray = new vendor.Vector3(2 * right - 1, 1 - 2 * down, 0.5).unproject(this.camera).sub(this.camera.position);
+    const floor = Number.isFinite(this.flight.setup.floor) ? this.flight.setup.floor : 0;
+    const share = (floor - this.camera.position.z) / ray.z;
+    return share > 0 && Number.isFinite(share) ? this.camera.position.clone().addScaledVector(ray, share) : null;
+  }
+
   model(drone, k) {
     const colour = new vendor.Color(colourOf(k));
     const body = new vendor.Group();
@@ -112,10 +124,13 @@ class View3d {
   lookAtAll() {
     const box = this.extent();
     const centre = box.getCenter(new vendor.Vector3());
-    // a narrow picture shows less to the sides
-    const size = Math.max(0.8, box.getSize(new vendor.Vector3()).length()) / Math.min(1, this.camera.aspect / 1.2);
+    // so far away that a ball around everything fits into the narrower side of the picture
+    const radius = Math.max(0.5, box.getSize(new vendor.Vector3()).length() / 2) + 0.15;
+    const upright = (Math.PI / 180) * this.camera.fov;
+    const lateral = 2 * Math.atan(Math.tan(upright / 2) * this.camera.aspect);
+    const distance = radius / Math.sin(Math.min(upright, lateral) / 2);
     this.controls.target.copy(centre);
-    this.camera.position.set(centre.x + 0.55 * size, centre.y - 1.05 * size, centre.z + 0.62 * size);
+    this.camera.position.copy(centre).addScaledVector(new vendor.Vector3(0.42, -0.78, 0.46).normalize(), distance);
     this.controls.update();
     this.draw();
   }
@@ -134,6 +149,7 @@ class View3d {
     this.surroundings.add(grid);
     for (const [axis, text] of [[new vendor.Vector3(1, 0, 0), "x"], [new vendor.Vector3(0, 1, 0), "y"]]) {
       const label = View3d.label(`${text}, ${reach / 2} m`, style("--quiet"));
+      label.scale.multiplyScalar(0.6);
       label.position.copy(axis.clone().multiplyScalar(reach / 2)).setZ(floor);
       this.surroundings.add(label);
     }

@@ -1,7 +1,9 @@
 // Who was in which mode and who was guaranteed when, over the whole flight; a click goes there.
 
 class Timeline {
-  constructor(host, flight, onSeek) {
+  /** With a number of seconds it shows the last ones of a flight that goes on. */
+  constructor(host, flight, onSeek, seconds = Infinity) {
+    this.seconds = seconds;
     this.host = host;
     this.flight = flight;
     this.onSeek = onSeek;
@@ -21,7 +23,8 @@ class Timeline {
   }
 
   legend() {
-    const used = MODES.filter((_, mode) => this.flight.drones.some((drone) => (drone.channel("tick").column("mode") || []).includes(mode)));
+    const isLive = Number.isFinite(this.seconds);
+    const used = MODES.filter((_, mode) => isLive || this.flight.drones.some((drone) => (drone.channel("tick").column("mode") || []).includes(mode)));
     const keys = used.map((name) => element("span", {}, element("i", { style: `background:${MODE_COLOURS[MODES.indexOf(name)]}` }), name));
     return element("div", { class: "legend" }, ...keys, element("span", {}, element("i", { class: "proven" }), "guaranteed"));
   }
@@ -30,15 +33,21 @@ class Timeline {
     return Math.min(110, Math.max(40, 0.16 * this.stage.clientWidth));
   }
 
+  /** The time at the left edge, s. */
+  get begin() {
+    return Math.max(0, this.flight.end - this.seconds);
+  }
+
   seek(event) {
     const box = this.canvas.getBoundingClientRect();
     const share = (event.clientX - box.left - this.names) / (box.width - this.names);
-    this.onSeek(Math.max(0, Math.min(1, share)) * this.flight.end);
+    this.onSeek(this.begin + Math.max(0, Math.min(1, share)) * (this.flight.end - this.begin));
   }
 
   mark(time) {
     this.time = time;
     const width = this.stage.clientWidth - this.names;
+    this.marker.hidden = Number.isFinite(this.seconds);
     this.marker.style.transform = `translateX(${this.names + (width * time) / this.flight.end}px)`;
   }
 
@@ -55,7 +64,8 @@ class Timeline {
     pen.font = `${Math.min(12, row - 2)}px system-ui, sans-serif`;
     pen.textBaseline = "middle";
     const left = this.names;
-    const toX = (time) => left + ((width - left) * time) / end;
+    const { begin } = this;
+    const toX = (time) => left + ((width - left) * Math.max(0, time - begin)) / (end - begin || 1);
     drones.forEach((drone, k) => {
       const top = row * k;
       pen.fillStyle = style("--ink");
@@ -73,8 +83,8 @@ class Timeline {
     const modes = ticks.column("mode");
     const proven = ticks.column("guaranteed");
     if (!modes) return;
-    let begin = 0;
-    for (let k = 1; k <= ticks.length; k += 1) {
+    let begin = Math.max(0, ticks.indexAt(this.begin));
+    for (let k = begin + 1; k <= ticks.length; k += 1) {
       const isEnd = k === ticks.length;
       if (!isEnd && modes[k] === modes[begin] && (proven ? proven[k] === proven[begin] : true)) continue;
       const from = toX(ticks.times[begin]);

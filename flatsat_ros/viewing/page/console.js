@@ -1,0 +1,260 @@
+// The page of the console: it shows what the stream tells and sends commands; what was refused is shown with the reason.
+
+const SHOWN = 30; // s, of the curves
+const LOST = 1.5; // s without news, after which the page says so
+const LATE = 0.5; // s, age of a pose that is shown in red
+const SURE = 3.0; // s, within which a second click must come where one could be an accident
+// name, what it is, smallest and largest value of the slider, which is logarithmic
+const TUNED = [
+  ["mu", "μ, 1/s", 0.01, 100],
+  ["v_inf", "V∞", 1e-4, 10],
+  ["gamma_max", "γ max", 1, 100],
+  ["nu", "ν, 1/s", 0.001, 10],
+];
+const WATCHED = ["Position error", "V / ε", "Gain γ", "Applied gain k", "Thrust T", "Roll φ", "Pitch θ", "Height z", "Compensated disturbance", "Thrust scale", "Battery", "Tick time"];
+
+class ConsolePage {
+  constructor() {
+    this.flight = null;
+    this.begin = performance.now() / 1000;
+    this.heard = -Infinity;
+    this.line = 0;
+    this.chosen = 0;
+    const find = (id) => document.getElementById(id);
+    this.parts = Object.fromEntries(["subtitle", "scene", "cards", "timeline", "plots", "said", "log", "whose", "sliders", "height", "aim", "aimed"].map((id) => [id, find(id)]));
+    document.querySelectorAll("header [data-do]").forEach((button) => ConsolePage.guard(button, () => this.send({ do: button.dataset.do, who: "all" })));
+    find("look").addEventListener("click", () => this.view && this.view.lookAtAll());
+    find("theme").addEventListener("click", () => this.switchTheme());
+    this.parts.aim.addEventListener("change", () => this.parts.scene.classList.toggle("aiming", this.parts.aim.checked));
+    document.addEventListener("keydown", (event) => this.key(event));
+    this.makeSliders();
+    this.listen();
+    setInterval(() => this.watch(), 250);
+  }
+
+  now() {
+    return performance.now() / 1000 - this.begin;
+  }
+
+  /** Let a button that could be hit by accident ask for a second click. */
+  static guard(button, act) {
+    button.addEventListener("click", () => {
+      if (!("sure" in button.dataset)) return act();
+      if (!button.classList.contains("sure")) {
+        const text = button.textContent;
+        button.classList.add("sure");
+        button.textContent = "Click again";
+        button.calm = setTimeout(() => ConsolePage.calm(button, text), SURE * 1000);
+        button.before = text;
+        return undefined;
+      }
+      clearTimeout(button.calm);
+      ConsolePage.calm(button, button.before);
+      return act();
+    });
+  }
+
+  static calm(button, text) {
+    button.classList.remove("sure");
+    button.textContent = text;
+  }
+
+  key(event) {
+    const isTyping = event.target.matches("input:not([type=checkbox]):not([type=range]), select");
+    if (event.key === "Escape") this.send({ do: "emergency", who: "all" });
+    else if (event.key === " " && !isTyping) this.send({ do: "land", who: "all" });
+    else return;
+    event.preventDefault();
+  }
+
+  listen() {
+    const stream = new EventSource("/events");
+    stream.onmessage = (message) => this.show(JSON.parse(message.data));
+  }
+
+  show(picture) {
+    this.heard = this.now();
+    const names = picture.drones.map((drone) => drone.name);
+    const isOther = !this.flight || names.join() !== this.flight.drones.map((drone) => drone.name).join();
+    // the sender's time: what came late is drawn where it belongs; another sender or clock begins anew
+    if (isOther || picture.time - this.origin < this.flight.end) this.build(picture, names);
+    this.flight.add(picture.time - this.origin, picture);
+    this.writeLog(picture.lines);
+    this.tell(picture);
+    if (this.isDue) return;
+    this.isDue = true;
+    requestAnimationFrame(() => this.draw());
+  }
+
+  draw() {
+    this.isDue = false;
+    const time = this.flight.end;
+    if (this.view) this.view.show(time);
+    this.fillCards(time);
+    if (this.now() - this.drawn < 0.2) return;
+    this.drawn = this.now();
+    this.plots.show([Math.max(0, time - SHOWN), Math.max(1, time)]);
+    this.timeline.paint();
+    this.fillSliders();
+  }
+
+  tell(picture) {
+    const { certificate, period } = picture.setup;
+    const count = picture.drones.length;
+    this.parts.subtitle.textContent = certificate
+      ? `${count} drone${count === 1 ? "" : "s"}, certificate ${certificate}, ${written(1 / period)} Hz`
+      : "no controller has told what it flies: start one";
+  }
+
+  build(picture, names) {
+    this.origin = picture.time - 0.01;
+    this.drawn = -Infinity;
+    this.flight = new LiveFlight(picture.setup, names);
+    for (const part of ["scene", "timeline", "plots", "cards"]) this.parts[part].replaceChildren();
+    this.view = View3d.canDraw() && names.length ? new View3d(this.parts.scene, this.flight) : null;
+    if (this.view) this.aimAt(this.view);
+    else this.parts.scene.append(element("p", {}, names.length ? "This browser has no WebGL: the drones cannot be drawn." : "No drone is known yet."));
+    this.plots = new Plots(this.parts.plots, this.flight, () => {}, QUANTITIES.filter(({ title }) => WATCHED.includes(title)));
+    this.timeline = new Timeline(this.parts.timeline, this.flight, () => {}, SHOWN);
+    this.cards = names.map((name, k) => this.card(name, k));
+    this.parts.whose.replaceChildren(element("option", { value: "all" }, "all drones"), ...names.map((name) => element("option", { value: name }, name)));
+    this.choose(0);
+    this.looked = false;
+  }
+
+  card(name, k) {
+    const mode = element("span", { class: "mode" });
+    const lines = [element("p"), element("p")];
+    const button = (text, what, sure) => {
+      const made = element("button", { type: "button", "data-what": what, ...(sure ? { "data-sure": "" } : {}) }, text);
+      ConsolePage.guard(made, () => this.send({ do: what, who: name }));
+      return made;
+    };
+    const buttons = element(
+      "div",
+      {},
+      button("Take off", "takeoff", true), button("Land", "land"), button("Hold", "hold"), button("Hand over", "hand_over", true),
+      button("Arm", "arm", true), button("Disarm", "disarm"), button("Emergency", "emergency", true),
+    );
+    const choose = element("button", { type: "button", "aria-label": `choose ${name}`, onclick: () => this.choose(k) }, name);
+    const card = element("article", { class: "card", "aria-label": name }, element("h3", {}, element("i", { class: "dot", style: `background:${colourOf(k)}` }), choose, mode), ...lines, buttons);
+    this.parts.cards.append(card);
+    return { card, mode, lines };
+  }
+
+  choose(index) {
+    this.chosen = index;
+    this.cards.forEach(({ card }, k) => card.classList.toggle("chosen", k === index));
+    const drone = this.flight.drones[index];
+    this.parts.aimed.textContent = drone ? drone.name : "–";
+  }
+
+  fillCards(time) {
+    this.flight.drones.forEach((drone, k) => {
+      const { mode, lines } = this.cards[k];
+      const ticks = drone.channel("tick");
+      const value = (field) => ticks.at(field, time, LOST);
+      const which = value("mode");
+      mode.textContent = Number.isNaN(which) ? "no telemetry" : MODES[which] || String(which);
+      mode.style.background = Number.isNaN(which) ? "#6b7280" : MODE_COLOURS[which] || "#000";
+      const pose = drone.poseAt(time);
+      const error = 100 * Math.hypot(value("error_x"), value("error_y"), value("error_z"));
+      const age = drone.ages.pose;
+      const old = element("b", age > LATE ? { class: "late" } : {}, Number.isFinite(age) ? `${written(1000 * age, 2)} ms` : "none");
+      const proven = which === 2 ? (value("guaranteed") === 1 ? "guaranteed" : "not guaranteed") : "";
+      lines[0].replaceChildren("z ", element("b", {}, pose ? `${pose.position[2].toFixed(2)} m` : "–"), "  error ", element("b", {}, which === 2 ? `${error.toFixed(1)} cm` : "–"), "  γ ", element("b", {}, written(value("gamma"))), "  ", proven);
+      lines[1].replaceChildren("battery ", element("b", {}, `${written(drone.channel("battery").at("voltage", time, 10))} V`), "  pose age ", old);
+    });
+    if (!this.looked && this.view && this.flight.drones.every((drone) => drone.channel("pose").length)) {
+      this.looked = true;
+      this.view.paint();
+      this.view.lookAtAll();
+    }
+  }
+
+  aimAt(view) {
+    const canvas = view.renderer.domElement;
+    let down = null;
+    canvas.addEventListener("pointerdown", (event) => (down = [event.clientX, event.clientY]));
+    canvas.addEventListener("pointerup", (event) => {
+      // a drag turns the view
+      if (!this.parts.aim.checked || !down || Math.hypot(event.clientX - down[0], event.clientY - down[1]) > 4) return;
+      const box = canvas.getBoundingClientRect();
+      const place = view.floorAt((event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height);
+      const drone = this.flight.drones[this.chosen];
+      if (place && drone) this.send({ do: "goal", who: drone.name, position: [place.x, place.y, Number(this.parts.height.value)] });
+    });
+  }
+
+  makeSliders() {
+    this.sliders = TUNED.map(([name, title, low, high]) => {
+      const range = element("input", { type: "range", min: Math.log(low), max: Math.log(high), step: "any", "aria-label": `${title}, slider` });
+      const number = element("input", { type: "number", step: "any", id: `tune-${name}`, "aria-label": title });
+      range.addEventListener("input", () => (number.value = Number(Math.exp(Number(range.value)).toPrecision(3))));
+      const send = () => this.send({ do: "set", who: this.parts.whose.value, name, value: Number(number.value) });
+      range.addEventListener("change", send);
+      number.addEventListener("change", send);
+      this.parts.sliders.append(element("label", {}, title, range, number));
+      return { name, range, number };
+    });
+    this.parts.whose.addEventListener("change", () => this.fillSliders());
+  }
+
+  /** Show the values that are in force, but not where somebody is about to change one. */
+  fillSliders() {
+    const { setup } = this.flight;
+    const whose = this.parts.whose.value;
+    for (const { name, range, number } of this.sliders) {
+      if ([range, number].includes(document.activeElement)) continue;
+      const own = setup[`robots.${whose}.${name}`];
+      const value = own === undefined ? setup[name] : own;
+      if (value === undefined) continue;
+      number.value = Number(value.toPrecision(4));
+      range.value = Math.log(Math.max(value, 1e-9));
+    }
+  }
+
+  async send(command) {
+    this.say(`${command.do} ${command.who}…`, "");
+    try {
+      const answer = await fetch("/command", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(command) });
+      const { done, text } = answer.ok ? await answer.json() : { done: false, text: await answer.text() };
+      this.say(done ? `${command.do} ${command.who}: ${text || "done"}` : text, done ? "" : "refused");
+    } catch (error) {
+      this.say(`${command.do} ${command.who}: the console does not answer`, "refused");
+    }
+    // a value that was refused gives way to the one in force
+    if (document.activeElement && document.activeElement.type === "range") document.activeElement.blur();
+  }
+
+  say(text, kind) {
+    this.parts.said.textContent = text;
+    this.parts.said.className = kind;
+  }
+
+  writeLog(lines) {
+    for (const { number, level, text } of lines) {
+      if (number <= this.line) continue;
+      this.line = number;
+      const severity = level >= 40 ? "error" : level >= 30 ? "warning" : "info";
+      this.parts.log.prepend(element("li", { class: severity }, text));
+    }
+    while (this.parts.log.childElementCount > 200) this.parts.log.lastChild.remove();
+  }
+
+  watch() {
+    const silence = this.now() - this.heard;
+    if (silence < LOST) return;
+    this.parts.subtitle.textContent = Number.isFinite(silence) ? `nothing heard for ${Math.round(silence)} s: is the console running?` : "connecting…";
+    if (Number.isFinite(silence)) this.line = 0; // a console that starts again counts from its own beginning
+  }
+
+  switchTheme() {
+    switchTheme();
+    if (!this.flight) return;
+    this.plots.build();
+    if (this.view) this.view.paint();
+  }
+}
+
+window.console_ = new ConsolePage();
