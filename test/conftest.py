@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import functools
-import itertools
 import os
-import socket
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from ros_domain import claim_ros_domain
 from xdist.scheduler import LoadScopeScheduling
 
 TEST = Path(__file__).resolve().parent
@@ -20,27 +19,7 @@ TEST = Path(__file__).resolve().parent
 SHARING = ("test/paper/test_reproduction.py",)
 
 
-def _claim_ros_domain() -> tuple[int, socket.socket]:
-    """Take a ROS domain that no other test process of this machine holds, of this run or of another.
-
-    An abstract socket is the claim: the kernel lets one process bind the name, and frees it however that process ends.
-    Domains above 101 would use ports that Linux hands out to others; 0 is where a user's own nodes are. The next claim
-    looks beyond the last one: in a domain just left, the participants of killed processes live on for a while.
-    """
-    for domain in itertools.islice(_domains, 101):
-        claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        try:
-            claim.bind(f"\0flatsat_ros test in ROS domain {domain}")
-        except OSError:
-            claim.close()
-        else:
-            return domain, claim
-    raise RuntimeError("all ROS domains from 1 to 101 are taken by running tests")
-
-
-# workers have neighbouring process ids: begin far apart
-_domains = itertools.cycle([1 + (37 * os.getpid() + i) % 101 for i in range(101)])
-_domain, _domain_claim = _claim_ros_domain()
+_domain, _domain_claim = claim_ros_domain()
 _logs = tempfile.TemporaryDirectory(prefix="flatsat_ros-log-", ignore_cleanup_errors=True)
 os.environ["ROS_DOMAIN_ID"] = str(_domain)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -83,7 +62,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> _Groups:
 @pytest.fixture
 def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """A ROS domain of the test's own, for it and the processes it starts."""
-    domain, claim = _claim_ros_domain()
+    domain, claim = claim_ros_domain()
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
     with claim:
         yield domain

@@ -12,6 +12,9 @@ from fuzzing import MODULES, is_available, kind_of
 from fuzzing.sequence import encoded
 from hypothesis import HealthCheck, given, settings
 
+from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.telemetry import FIELDS
+
 
 def require(name: str) -> None:
     if not is_available(name):
@@ -34,6 +37,8 @@ def test_bad_input_is_taken_or_refused_and_breaks_nothing(name: str, tmp_path: P
     assert min(taken[True], taken[False]) >= 10, "some are taken and some are refused, or the inputs say nothing"
 
 
+HOVER = np.zeros((25, len(FIELDS)))
+HOVER[:, [FIELDS.index("mode"), FIELDS.index("thrust_scale")]] = Mode.FLY, 1.0
 # what broke something once, by what broke
 FOUND = {
     "way-points whose differences overflow": ("waypoints", np.array([1.0, 0.0, 1.7e308, 0.0] * 4).tobytes()[:80]),
@@ -42,6 +47,8 @@ FOUND = {
         encoded([(1, b"\0\1\0\0" + bytes(8) + b"\1\0\0\0" + bytes(4) + struct.pack("<7d", 1e300, 0, 1, 0, 0, 0, 1))]),
     ),
     "a console line without an end": ("crtp", encoded([(0, b"x" * 30)] * 16)),
+    "telemetry of different lengths": ("telemetry", HOVER.tobytes()[:-8]),
+    "a hover without thrust": ("telemetry", HOVER.tobytes()),
     "flags that are infinite": ("crtp", encoded([(0x52, bytes([1, 0, 0, 0]) + struct.pack("<2f", 4.0, np.inf))])),
 }
 

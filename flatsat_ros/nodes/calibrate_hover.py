@@ -82,6 +82,14 @@ class CalibrateHover(ProgramNode):
         if self._output.exists():
             raise refusal("parameter output", str(self._output), "", "a new file: this one exists already")
 
+    def _require_profile(self) -> None:
+        """Leave nothing behind that is no profile."""
+        try:
+            VehicleProfile.load(self._output)
+        except FlatsatError:
+            self._output.unlink()
+            raise
+
     def _write(self) -> None:
         try:
             scale, error = thrust_scale(self._rows, self._gravity)
@@ -90,7 +98,7 @@ class CalibrateHover(ProgramNode):
             how = f"with force_max calibrated in a hover of {self._seconds:g} s: times {scale:.4f}"
             self._check_new()
             write_yaml(self._output, content, f"# {self._source.stem} {how}\n")
-            VehicleProfile.load(self._output)
+            self._require_profile()
         except FlatsatError as reason:
             self._fail(str(reason))
             return

@@ -23,6 +23,10 @@ MODULES = {
     "metadata": ("bag", "rclpy"),
     "cdr": ("cdr", "rclpy"),
     "controller": ("controller", "rclpy"),
+    "simulation": ("simulation", "rclpy"),
+    "relay": ("relay", "rclpy"),
+    "telemetry": ("telemetry", ""),
+    "parameters": ("parameters", "rclpy"),
     "crtp": ("bridge", "cflib"),
     "bridge": ("bridge", "cflib"),
 }

@@ -225,7 +225,7 @@ def _open_topics(folder: Path) -> Iterator[Attempt]:
                 link.outbox.send(_CflibSender(cf), time.monotonic())
                 for packet in driver.sent:
                     _require_finite(packet)
-            return len(refused) < len(items)
+            return not refused
 
         yield attempt
 

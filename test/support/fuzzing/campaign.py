@@ -18,16 +18,18 @@ from pathlib import Path
 from types import FrameType
 
 from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
-
-# nobody else's nodes take part, nor those of other workers; rclpy reads this when it starts
-os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 101)
+from ros_domain import claim_ros_domain
 
 from flatsat_ros.base.errors import refusal
 from flatsat_ros.base.files import make_folder
 from fuzzing import MODULES, kind_of
 from fuzzing.damage import variants
 from fuzzing.kind import Attempt, rewrite
+
+# nobody else's nodes take part, nor those of other workers; rclpy reads this when it starts
+_domain, _domain_claim = claim_ros_domain()
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ["ROS_DOMAIN_ID"] = str(_domain)
 
 BATCH = 400
 # of each input that hypothesis makes, so many more are made by chance

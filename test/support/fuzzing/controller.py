@@ -119,7 +119,7 @@ class _Attacked:
         assert node._pilot.mode[1] == Mode.FLY
         assert np.isfinite(last).all()
         assert (node._pilot.estimator.newest >= node._stamps.now - 1e-6).all(), "sound poses are taken"
-        return self._refused < len(items)
+        return not self._refused
 
     def _begin_again(self) -> None:
         node, room = self.room.node, self.room
