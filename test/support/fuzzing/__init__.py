@@ -17,6 +17,7 @@ MODULES = {
     "vehicle": ("vehicle", ""),
     "crazyflies": ("crazyflies", ""),
     "recording": ("recording", ""),
+    "plan": ("plan", ""),
     "waypoints": ("waypoints", "scipy"),
     "mcap": ("bag", "rclpy"),
     "db3": ("bag", "rclpy"),
