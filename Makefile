@@ -21,7 +21,7 @@ EXTREMES := $(foreach version,3.10 3.13,$(if $(call python_found,$(version)),.ve
 
 unexport PYTHONPATH AMENT_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help setup build demo test test-noble test-kernels bench reproduce falsify faults fuzz lint docs certificates clean
+.PHONY: help setup build demo test test-noble test-kernels bench reproduce falsify faults soak fuzz lint docs certificates clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 16
@@ -74,6 +74,9 @@ falsify: build  ## a million closed loops against certificates; ARGS="--runs 200
 
 faults: build  ## every fault in every phase of flight, into out/faults/; ARGS="--fault y_up" and so on
 	$(SOURCED) $(EXECUTABLES)/faults $(ARGS)
+
+soak: build  ## ten simulated drones for an hour, into out/soak/; ARGS="--minutes 1" and so on
+	$(SOURCED) $(EXECUTABLES)/soak $(ARGS)
 
 fuzz: build  ## a million bad inputs for whatever reads what others wrote, into out/fuzz/; ARGS="--kind recording" and so on
 	$(SOURCED) $(BIN)/python test/fuzz.py $(ARGS)

@@ -52,6 +52,7 @@ setup(
             "reproduce = flatsat_ros.cli.reproduce:main",
             "falsify = flatsat_ros.cli.falsify:main",
             "faults = flatsat_ros.cli.faults:main",
+            "soak = flatsat_ros.cli.soak:main",
             "report = flatsat_ros.cli.report:main",
         ],
     },

@@ -32,6 +32,7 @@ EXECUTABLES = [
     "report",
     "reproduce",
     "sim_drone",
+    "soak",
     "synthesize",
 ]
 

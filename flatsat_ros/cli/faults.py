@@ -21,7 +21,7 @@ _BAR = "{desc} {bar} {n}/{total} [{elapsed}<{remaining}]{postfix}"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Fly the matrix, or one row again; 0 if no row failed, else 1, see `shell` for the others."""
+    """Fly the matrix, or one row again; 0 if every row passed or is accepted, else 1, see `shell` for the others."""
     return shell.run(_parser, _run, argv)
 
 
@@ -45,6 +45,10 @@ def _parser() -> shell.Parser:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from flatsat_ros.falsification.faults.accepted import ACCEPTED, require_sound
+    from flatsat_ros.falsification.faults.table import EXISTING
+
+    require_sound(ACCEPTED, EXISTING)
     if arguments.replay is not None:
         return _replay(arguments)
     return _fly_live(arguments) if arguments.live else _fly(arguments)
@@ -97,6 +101,7 @@ def _collect(flown: Generator[Row], count: int, folder: Path) -> int:
     from tqdm import tqdm
 
     from flatsat_ros.base.files import write_text
+    from flatsat_ros.falsification.faults.accepted import require_failing
     from flatsat_ros.falsification.faults.page import page, summary
     from flatsat_ros.falsification.faults.rows import load, merged, save
 
@@ -117,6 +122,7 @@ def _collect(flown: Generator[Row], count: int, folder: Path) -> int:
         if row.failed:
             print(f"FAILED {row.fault}:{row.phase}: {'; '.join(row.broken)}")
     print(f"{summary(rows)} In {time.monotonic() - began:.0f} s; see {folder / _PAGE}")
+    require_failing(rows)
     return 1 if any(row.failed for row in rows) else 0
 
 

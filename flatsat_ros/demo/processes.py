@@ -7,14 +7,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.files import make_folder
 from flatsat_ros.demo.scenario import GAMMA_0, MU, POSE_NOISE, V_INF, VEHICLE, Scenario
 
-_GOODBYE = 5.0  # s, that a node has to end by itself
+_GOODBYE = 5.0  # s, that a node has to end by itself, and once more after a second signal, before it is killed
 
 Nodes = Mapping[str, "subprocess.Popen[bytes]"]
 
@@ -112,15 +112,14 @@ def require_alive(nodes: Nodes) -> None:
 
 def end(nodes: Nodes) -> list[str]:
     """End all processes and return the names of those that did not leave by themselves with exit code 0."""
-    for process in nodes.values():
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
-    deadline = time.monotonic() + _GOODBYE
+    for _ in range(2):  # the second signal ends a controller that is still landing its drones
+        for process in nodes.values():
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+        _wait(nodes)
     unclean = []
     for name, process in nodes.items():
-        try:
-            process.wait(max(0.0, deadline - time.monotonic()))
-        except subprocess.TimeoutExpired:
+        if process.poll() is None:
             process.kill()
             process.wait()
         if process.stdin is not None:
@@ -128,3 +127,11 @@ def end(nodes: Nodes) -> list[str]:
         if process.returncode != 0:
             unclean.append(f"{name} (exit code {process.returncode})")
     return unclean
+
+
+def _wait(nodes: Nodes) -> None:
+    """Give processes that were told to end the time for it."""
+    deadline = time.monotonic() + _GOODBYE
+    for process in nodes.values():
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(max(0.0, deadline - time.monotonic()))

@@ -76,11 +76,18 @@ def acceleration_from_input(u: ArrayLike, yaw: ArrayLike, gravity: float = GRAVI
     Raises:
         FlatsatError: a shape is wrong or an entry is not finite.
     """
-    u = finite_array("u", u, 3)
-    yaw = finite_array("yaw", yaw)
+    return acceleration_from_finite(finite_array("u", u, 3), finite_array("yaw", yaw), gravity)
+
+
+def acceleration_from_finite(u: FloatArray, yaw: FloatArray, gravity: float) -> FloatArray:
+    """Return `acceleration_from_input` of arrays that are known to be finite, (..., 3) and (...)."""
     thrust, roll, pitch = u[..., 0], u[..., 1], u[..., 2]
     f1 = thrust * np.cos(roll) * np.sin(pitch)
     f2 = thrust * np.sin(roll)
     cos, sin = np.cos(yaw), np.sin(yaw)
-    f3 = thrust * np.cos(roll) * np.cos(pitch)
-    return np.stack(np.broadcast_arrays(cos * f1 + sin * f2, sin * f1 - cos * f2, f3 - gravity), axis=-1)
+    h1 = cos * f1 + sin * f2
+    v = np.empty(h1.shape + (3,))
+    v[..., 0] = h1
+    v[..., 1] = sin * f1 - cos * f2
+    v[..., 2] = thrust * np.cos(roll) * np.cos(pitch) - gravity
+    return v

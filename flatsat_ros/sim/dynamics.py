@@ -15,7 +15,7 @@ from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import require, require_fields, require_not_negative, require_positive
 from flatsat_ros.crazyflie.vehicle import AttitudeResponse, Dynamics
-from flatsat_ros.law.flatness import acceleration_from_input
+from flatsat_ros.law.flatness import acceleration_from_finite
 
 STEP = 0.002  # s: 500 Hz, the rate of the firmware's attitude loop
 # rad/s^2, of an axis that nobody controls: its pairs of motors differ by 2 % at hover, 0.002 N at 0.06 m, 1.7e-5 kg m^2
@@ -244,7 +244,7 @@ class Bodies:
         self.attitude = self._next_attitude(self._leaning(angles))
 
         u = np.array([self.thrust, *self.attitude[:2, :, 0]]).T
-        driven = acceleration_from_input(u, self.attitude[2, :, 0], GRAVITY) + self._response.drag * wind
+        driven = acceleration_from_finite(u, self.attitude[2, :, 0], GRAVITY) + self._response.drag * wind
         self.position = self.position + self.velocity * self._f1 + driven * self._f2
         self.velocity = self.velocity * self._keep + driven * self._f1
         self.acceleration = driven - self._response.drag * self.velocity

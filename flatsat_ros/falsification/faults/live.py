@@ -20,8 +20,9 @@ from flatsat_ros.demo.processes import command_of, end, start
 from flatsat_ros.falsification.faults.criteria import Outcome, Remark, broken
 from flatsat_ros.falsification.faults.live_table import LIVE_FAULTS, LiveFault
 from flatsat_ros.falsification.faults.record import Record
-from flatsat_ros.falsification.faults.rows import LIVE, Row, row_of
+from flatsat_ros.falsification.faults.rows import Row, row_of
 from flatsat_ros.falsification.faults.scene import CERTIFICATE, TEXT, VEHICLE
+from flatsat_ros.falsification.faults.table import LIVE
 
 if TYPE_CHECKING:
     from flatsat_ros.nodes.fault_lab import FaultLab

@@ -3,58 +3,78 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
+from flatsat_ros.falsification.faults.accepted import ACCEPTED
 from flatsat_ros.falsification.faults.criteria import Remark
 from flatsat_ros.falsification.faults.fault import Fault
 from flatsat_ros.falsification.faults.live_table import LIVE_FAULTS, LiveFault
 from flatsat_ros.falsification.faults.phases import PLANS, Phase
-from flatsat_ros.falsification.faults.rows import LIVE, Row
+from flatsat_ros.falsification.faults.rows import Row
 from flatsat_ros.falsification.faults.scene import Scene
-from flatsat_ros.falsification.faults.table import ACCEPTED, FAULTS
+from flatsat_ros.falsification.faults.table import FAULTS, LIVE
 from flatsat_ros.flight.supervisor import Mode
 
 _HEAD = """# Faults
 
-Written by `ros2 run flatsat_ros faults`; edit the package, not this page.
+What happens when something goes wrong around the controller. Written by `ros2 run flatsat_ros faults`, which flies
+every fault in every phase of flight; edit the package, not this page.
 
-Every fault happens in every phase of flight, on simulated time: the pilot that the controller runs, with certificate
-`cf21_50hz`, vehicle profile `cf21` and the simulated drones with their firmware. What a row must keep was written down
-before it was flown. One row again, moment by moment:
+The flights are on simulated time: the pilot that the controller runs, with certificate `cf21_50hz`, vehicle profile
+`cf21` and the simulated drones with their firmware. What a row must keep was written down before it was flown. One row
+again, moment by moment, and one with [real processes](#real-processes):
 
 ```sh
 ros2 run flatsat_ros faults --replay poses_lost_1s:hover
+ros2 run flatsat_ros faults --live --fault poses_lost_1s
 ```
-
-A cell tells the largest speed at which a drone with the fault met the floor, m/s, and how far it got from its path,
-sideways or above, m. **Bold** cells broke a bound.
 """
+_RESULTS = """The worst over all phases: the largest speed at which a drone with the fault met the floor, and how far it
+got from its path, sideways or above. What is said goes to the log, with the drone's name; here stands what was said
+first, in a hover if anything was. **Bold**: a row broke a bound.
+"""
+_PHASES = """The largest speed at the floor, m/s, and the distance from the path, m, in each phase; bold as above.
+"""
+_LIVE = """`sim_drone`, a relay with faults and `controller` as processes of their own fly two drones, in real time, in
+a hover. The speed at the floor is that between two poses, 10 ms apart.
+"""
+_BOUNDS = """What drones with the fault must keep. Drones without it keep flying, or land in a landing, within 0.5 m of
+their paths, and meet the floor at 1 m/s at most. No two drones come nearer than 0.4 m.
+"""
+_RESULTS_HEAD = ["fault", "what goes wrong", "the drone", "impact m/s", "distance m", "what is said"]
+_BOUNDS_HEAD = ["fault", "the drone", "impact m/s", "distance m", "must be told (regular expression)"]
+_SAID = 90  # letters of a remark in the page
 
 
 def page(rows: Sequence[Row]) -> str:
     """Return the page, in Markdown, of the rows flown."""
     found = {(row.fault, row.phase): row for row in rows}
-    faults = [fault for fault in FAULTS.values() if any((fault.name, phase.value) in found for phase in Phase)]
+    flown = {name for name, phase in found if phase != LIVE}
+    faults = [fault for fault in FAULTS.values() if fault.name in flown]
     live = [fault for fault in LIVE_FAULTS.values() if (fault.name, LIVE) in found]
     parts = [_HEAD, summary(rows) + "\n"]
     if faults:
-        head = ["fault", "what goes wrong", *(phase.value for phase in Phase)]
-        cells = ([f"`{f.name}`", f.meaning, *(cell(found.get((f.name, p.value))) for p in Phase)] for f in faults)
-        parts.append("## Results\n\n" + _table(head, cells))
-        parts.append("When the fault happens:\n\n" + _table(["phase", "the drones"], _phases()))
+        worst = (_result(f, [found[f.name, p.value] for p in Phase if (f.name, p.value) in found]) for f in faults)
+        parts.append("## Results\n\n" + _RESULTS + "\n" + _table(_RESULTS_HEAD, worst))
     if live:
-        cells = ([f"`{f.name}`", f.meaning, cell(found[f.name, LIVE])] for f in live)
-        parts.append("## Real processes\n\n" + _LIVE + "\n" + _table(["fault", "what goes wrong", "hover"], cells))
-    parts.append("## Bounds\n\n" + _BOUNDS + "\n" + _table(_BOUNDS_HEAD, (_bounds(fault) for fault in faults)))
-    if live:
-        parts.append(_table(_BOUNDS_HEAD, (_bounds(fault) for fault in live)))
-    parts.append("## Accepted\n\n" + (_accepted(rows) or "None.\n"))
+        results = (_result(fault, [found[fault.name, LIVE]]) for fault in live)
+        parts.append("## Real processes\n\n" + _LIVE + "\n" + _table(_RESULTS_HEAD, results))
+    parts.append("## Accepted\n\n" + (_accepted(found) or "None: a user need do nothing else than what is said.\n"))
     broken = [row for row in rows if row.failed]
     if broken:
-        parts.append(
-            "## Failed\n\n" + "".join(f"- `{row.fault}:{row.phase}`: {'; '.join(row.broken)}\n" for row in broken)
-        )
-    return "\n".join(parts)
+        lines = (f"- `{row.fault}:{row.phase}`: {'; '.join(row.broken)}\n" for row in broken)
+        parts.append("## Failed\n\n" + "".join(lines))
+    if faults:
+        head = ["fault", *(phase.value for phase in Phase)]
+        cells = ([f"`{f.name}`", *(cell(found.get((f.name, p.value))) for p in Phase)] for f in faults)
+        parts.append("## Phase by phase\n\n" + _PHASES + "\n" + _table(head, cells))
+        parts.append("When the fault happens:\n\n" + _table(["phase", "the drones"], _phases()))
+    return "\n".join([*parts, bounds_of([*faults, *live])])
+
+
+def bounds_of(faults: Iterable[Fault | LiveFault]) -> str:
+    """Return the part of the page that tells the bounds."""
+    return "## Bounds\n\n" + _BOUNDS + "\n" + _table(_BOUNDS_HEAD, (_bounds(fault) for fault in faults))
 
 
 def summary(rows: Sequence[Row]) -> str:
@@ -65,20 +85,37 @@ def summary(rows: Sequence[Row]) -> str:
 
 def cell(row: Row | None) -> str:
     """Return the figures of a row: impact and distance."""
-    if row is None:
-        return ""
-    impact, distance = (f"{value:.2f}" if value is not None else "-" for value in (row.impact_m_s, row.distance_m))
-    text = f"{impact}, {distance}"
-    return text if row.passed else f"{text} (accepted)" if row.accepted else f"**{text}**"
+    return "" if row is None else _marked(f"{_figure(row.impact_m_s)}, {_figure(row.distance_m)}", [row])
 
 
-_LIVE = """`ros2 run flatsat_ros faults --live`: two drones hover; `sim_drone`, a relay with faults and `controller` are
-processes of their own. The speed at the floor is that between two poses, 10 ms apart.
-"""
-_BOUNDS = """What drones with the fault must keep. Drones without it keep flying, or land in a landing, within 0.5 m of
-their paths, and meet the floor at 1 m/s at most. No two drones come nearer than 0.4 m.
-"""
-_BOUNDS_HEAD = ["fault", "the drone", "impact m/s", "distance m", "must be told (regular expression)"]
+def _result(fault: Fault | LiveFault, rows: Sequence[Row]) -> list[str]:
+    """Return the worst of a fault's rows, and what was said first, in the first phase in which anything was."""
+    impact = _figure(max((row.impact_m_s for row in rows if row.impact_m_s is not None), default=None))
+    unknown = any(row.distance_m is None for row in rows)
+    distance = _figure(None if unknown else max(row.distance_m or 0.0 for row in rows))
+    said = next((row.said[0] for row in rows if row.said), "").partition(": ")[2]
+    said = said if len(said) <= _SAID else f"{said[:_SAID].rstrip()} ..."
+    said = said.replace("|", "\\|")
+    ends = fault.bounds.end.value
+    return [
+        f"`{fault.name}`",
+        fault.meaning,
+        ends,
+        _marked(impact, rows),
+        _marked(distance, rows),
+        said.replace("|", "\\|"),
+    ]
+
+
+def _marked(text: str, rows: Sequence[Row]) -> str:
+    """Mark the figures of rows that broke a bound."""
+    if any(row.failed for row in rows):
+        return f"**{text}**"
+    return f"{text} (accepted)" if any(row.accepted for row in rows) else text
+
+
+def _figure(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
 
 
 def _bounds(fault: Fault | LiveFault) -> list[str]:
@@ -93,9 +130,15 @@ def _phases() -> list[list[str]]:
     return [[phase.value, PLANS[phase].meaning] for phase in Phase]
 
 
-def _accepted(rows: Iterable[Row]) -> str:
-    reasons = ((row, ACCEPTED[row.fault, row.phase]) for row in rows if row.accepted)
-    return "".join(f"- `{row.fault}:{row.phase}`: {'; '.join(row.broken)}. {reason}\n" for row, reason in reasons)
+def _accepted(found: Mapping[tuple[str, str], Row]) -> str:
+    """Return what happens in the rows that are accepted, and what a user must do."""
+    lines = []
+    for entry in ACCEPTED:
+        rows = [found[entry.fault, phase] for phase in entry.phases if (entry.fault, phase) in found]
+        if any(row.accepted for row in rows):
+            lines.append(f"- `{entry.fault}` ({', '.join(entry.phases)}): {entry.happens} What to do: {entry.advice}\n")
+            lines += [f"  - {row.phase}: {'; '.join(row.broken)}\n" for row in rows if row.accepted]
+    return "".join(lines)
 
 
 def history(row: Row, scene: Scene) -> str:

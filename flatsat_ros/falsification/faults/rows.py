@@ -15,15 +15,15 @@ import numpy as np
 
 from flatsat_ros.base.errors import one_line
 from flatsat_ros.base.files import located, read_text, write_text
+from flatsat_ros.falsification.faults.accepted import accepted_rows
 from flatsat_ros.falsification.faults.criteria import Outcome, Remark, broken
 from flatsat_ros.falsification.faults.fault import Fault
 from flatsat_ros.falsification.faults.phases import PLANS, STANDING, Phase
 from flatsat_ros.falsification.faults.scene import Scene
-from flatsat_ros.falsification.faults.table import ACCEPTED, FAULTS
+from flatsat_ros.falsification.faults.table import EXISTING, FAULTS
 from flatsat_ros.falsification.workers import results_of
 
 SEED = 1
-LIVE = "live"  # the phase of rows that real processes flew
 _RESTING = 4.0  # s after which drones that stand on the floor are not watched any more
 _SLICE = 0.5  # s
 _PER_METRE = 5.0  # s more for every metre above the first
@@ -176,7 +176,7 @@ def row_of(
         fault=name,
         phase=phase,
         passed=not problems,
-        accepted=bool(problems) and (name, phase) in ACCEPTED,
+        accepted=bool(problems) and (name, phase) in accepted_rows(),
         impact_m_s=max((_rounded(outcome.impact) or 0.0 for outcome in own if outcome.met), default=None),
         distance_m=_rounded(float(np.max([outcome.distance for outcome in own], initial=-np.inf))),
         said=list(said)[:_REMARKS],
@@ -192,8 +192,12 @@ def _rounded(value: float) -> float | None:
 
 
 def merged(old: Iterable[Row], new: Iterable[Row]) -> list[Row]:
-    """Return rows with new ones in the place of old ones of the same fault and phase."""
-    return list({(row.fault, row.phase): row for row in (*old, *new)}.values())
+    """Return rows with new ones in the place of old ones of the same fault and phase, in the order of the matrix.
+
+    Those whose fault is in the matrix no more are left out.
+    """
+    rows = {(row.fault, row.phase): row for row in (*old, *new)}
+    return [rows[which] for which in EXISTING if which in rows]
 
 
 def save(rows: Iterable[Row], path: Path) -> None:

@@ -1,10 +1,12 @@
-"""Every fault of the matrix, and those of its rows that are accepted."""
+"""Every fault of the matrix, and every row that there is."""
 
 from __future__ import annotations
 
 from flatsat_ros.falsification.faults.clocks import CLOCK_FAULTS
 from flatsat_ros.falsification.faults.fault import Fault
+from flatsat_ros.falsification.faults.live_table import LIVE_FAULTS
 from flatsat_ros.falsification.faults.orders import ORDER_FAULTS
+from flatsat_ros.falsification.faults.phases import Phase
 from flatsat_ros.falsification.faults.poses import POSE_FAULTS
 from flatsat_ros.falsification.faults.vehicle import VEHICLE_FAULTS
 
@@ -12,5 +14,6 @@ FAULTS: dict[str, Fault] = {
     fault.name: fault for fault in (*POSE_FAULTS, *CLOCK_FAULTS, *VEHICLE_FAULTS, *ORDER_FAULTS)
 }
 
-# by fault and phase: why a row fails and what a user must do about it
-ACCEPTED: dict[tuple[str, str], str] = {}
+LIVE = "live"  # the phase of rows that real processes fly
+# fault and phase of every row, in the order of the page
+EXISTING = [(name, phase.value) for name in FAULTS for phase in Phase] + [(name, LIVE) for name in LIVE_FAULTS]
