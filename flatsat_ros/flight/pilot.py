@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
 from time import perf_counter
 
 import numpy as np
@@ -19,12 +18,13 @@ from flatsat_ros.flight.guarantee import GuaranteeMonitor
 from flatsat_ros.flight.guidance import Guidance
 from flatsat_ros.flight.policy import GoalMode, Policy, YawSource
 from flatsat_ros.flight.senses import Senses
+from flatsat_ros.flight.steering import Steering
 from flatsat_ros.flight.supervisor import AIRBORNE, Mode, Supervisor, Transition
 from flatsat_ros.flight.tick import Command, Report, Tick
 from flatsat_ros.flight.traffic import Traffic
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.flight.yaw import YawControl
-from flatsat_ros.law.controller import Controller, Memory, Output
+from flatsat_ros.law.controller import Memory, Output
 from flatsat_ros.law.gain import Tuning
 
 # of a reference's margin, this much at most may be spent on a disturbance; the rest is left to steer with
@@ -48,7 +48,6 @@ class Pilot:
         batteries: what is known of their batteries.
         clearance: what keeps drones on the ground.
         traffic: who goes where, and who waits for whom.
-        memory: the controller's gains.
     """
 
     def __init__(
@@ -81,13 +80,16 @@ class Pilot:
         self._senses = Senses(certificate, policy, count)
         self._monitor = GuaranteeMonitor(certificate, count)
         self._yaw = YawControl(count)
-        self._controller = Controller(certificate, _spread(tuning, count))
-        self.memory = self._controller.start()
-        self._restarts = np.zeros(count, dtype=bool)  # a new reference may restart the gain
+        self._steering = Steering(certificate, tuning, count)
         self._now = -np.inf  # of the last tick, as are the next ones
         self._state, self._usable = np.zeros((count, 6)), np.zeros(count, dtype=bool)
         self._full = np.zeros(count, dtype=bool)  # thrust at its limit
         self._reports: list[Report] = []  # made between two ticks
+
+    @property
+    def memory(self) -> Memory:
+        """The controller's gains."""
+        return self._steering.memory
 
     @property
     def mode(self) -> np.ndarray:
@@ -96,9 +98,7 @@ class Pilot:
 
     def retune(self, tuning: Tuning) -> None:
         """Take a new tuning from the next tick on. Gains stay where they are, below the new cap."""
-        controller = Controller(self.certificate, _spread(tuning, len(self.mode)))
-        self._controller = controller
-        self.memory = Memory(np.minimum(self.memory.gain, controller.tuning.gain_max))
+        self._steering.retune(tuning)
 
     def set_goal(self, index: int, position: ArrayLike, yaw: float = 0.0) -> None:
         """Give drone index a goal (3,), m, to rest at, and a yaw, rad; it takes off if it rests, and no longer lands.
@@ -146,7 +146,7 @@ class Pilot:
     def _begin(self, index: int, *, patient: bool) -> None:
         """Let a new reference of drone index be flown."""
         self._supervisor.request(index, patient=patient)
-        self._restarts[index] = True
+        self._steering.note_reference(index)
         if self.mode[index] == _FLY:
             self._guidance.replan(index, self._now)
 
@@ -305,7 +305,7 @@ class Pilot:
         disturbance, spent = self._compensate(estimate, flying)
         base = reference.copy()
         base[:, 6:] -= disturbance
-        output = self._steer(base, flying)
+        output = self._steering.step(state, self.estimator.yaw, base, flying)
         level = (self.mode == _LEVEL) | (self.mode == _DESCEND)
         yaw_rate = self._yaw.turn(self.estimator.yaw, references.yaw, flying, level)
         command, acceleration = self._command(now, output, flying, level)
@@ -335,7 +335,7 @@ class Pilot:
 
     def _take(self, transitions: Sequence[Transition], estimated: FloatArray) -> None:
         """Let the parts know of the drones that changed their mode."""
-        gain, initial = self.memory.gain.copy(), self._controller.tuning.gain_initial
+        reset = []
         for index, before, after, _ in transitions:
             ground = self._senses.enter(index, before, after, estimated[index], self._now, self._guidance)
             if ground is not None:
@@ -344,28 +344,15 @@ class Pilot:
                 if before is Mode.DESCEND:
                     self._guidance.landing[index] = True
                 if before not in (Mode.LEVEL, Mode.DESCEND):
-                    gain[index] = initial[index]
+                    reset.append(index)
                 if self._policy.goal_mode is GoalMode.PATH:
                     text = self._guidance.start(index, estimated[index, :6], self._now)
                     self._reports += [Report(index, text)] if text else []
             elif after in (Mode.CUT, Mode.REST, Mode.FALLEN):
                 self._guidance.landing[index] = False
-                gain[index] = initial[index]
-        self.memory = Memory(gain)
+                reset.append(index)
+        self._steering.reset(*reset)
         self.traffic.follow(transitions)
-
-    def _steer(self, base: FloatArray, flying: np.ndarray) -> Output:
-        """Step the law; a new reference that is far restarts the gain first, and only drones in FLY adapt theirs."""
-        yaw, tuning = self.estimator.yaw, self._controller.tuning
-        memory, output = self._controller.step(self.memory, self._state, yaw, base)
-        if np.count_nonzero(self._restarts):
-            anew = self._restarts & flying & tuning.restart & (output.lyapunov > tuning.threshold)
-            if anew.any():
-                self.memory = Memory(np.where(anew, tuning.gain_initial, self.memory.gain))
-                memory, output = self._controller.step(self.memory, self._state, yaw, base)
-            self._restarts &= ~flying
-        self.memory = Memory(np.where(flying, memory.gain, self.memory.gain))
-        return output
 
     def _command(
         self, now: float, output: Output, flying: np.ndarray, level: np.ndarray
@@ -400,8 +387,3 @@ class Pilot:
         most = np.minimum(self._policy.disturbance_max, _COMPENSATED_SHARE * self._guidance.references.margin)
         spent = np.where(flying, np.minimum(size, most), 0.0)
         return estimate * (spent / np.maximum(size, _TINY))[:, np.newaxis], spent
-
-
-def _spread(tuning: Tuning, count: int) -> Tuning:
-    """Return the tuning with one entry a drone."""
-    return Tuning(*(np.broadcast_to(getattr(tuning, entry.name), (count,)) for entry in fields(tuning)))
