@@ -8,8 +8,8 @@ Stable within a major version, arguments and methods included: `InputSet`, `inpu
 `acceleration_from_input`, `Certificate` (`load`, `save`, `verify`), `load_certificate`, `load_vehicle`, `FlatsatError`.
 
 Provisional, a change gets a line in the changelog: `Controller`, `Tuning`, `Pilot`, `Policy`, `Trajectory`,
-`SimulatedFleet`, `fly`, and whatever is imported from a room itself. The rooms, and which may know which, are drawn in
-docs/architecture.md and stated by test/test_layering.py.
+`SimulatedFleet`, `fly`, `Plan`, `plan`, `read_mission`, and whatever is imported from a room itself. The rooms, and
+which may know which, are drawn in docs/architecture.md and stated by test/test_layering.py.
 """
 
 from typing import TYPE_CHECKING
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from flatsat_ros.crazyflie import load_vehicle
     from flatsat_ros.flight import Pilot, Policy, Trajectory
     from flatsat_ros.law import Controller, InputSet, Tuning, acceleration_from_input, input_from_acceleration
+    from flatsat_ros.planning import plan, read_mission
+    from flatsat_ros.plans import Plan
     from flatsat_ros.sim import SimulatedFleet, fly
 else:
     __getattr__, __dir__ = lazy_names(
@@ -33,6 +35,7 @@ else:
             "FlatsatError": "base",
             "InputSet": "law",
             "Pilot": "flight",
+            "Plan": "plans",
             "Policy": "flight",
             "SimulatedFleet": "sim",
             "Trajectory": "flight",
@@ -42,6 +45,8 @@ else:
             "input_from_acceleration": "law",
             "load_certificate": "certificate",
             "load_vehicle": "crazyflie",
+            "plan": "planning",
+            "read_mission": "planning",
         },
     )
 
@@ -51,6 +56,7 @@ __all__ = [
     "FlatsatError",
     "InputSet",
     "Pilot",
+    "Plan",
     "Policy",
     "SimulatedFleet",
     "Trajectory",
@@ -61,4 +67,6 @@ __all__ = [
     "input_from_acceleration",
     "load_certificate",
     "load_vehicle",
+    "plan",
+    "read_mission",
 ]

@@ -33,6 +33,7 @@ EXECUTABLES = [
     "reproduce",
     "sim_drone",
     "soak",
+    "plan",
     "synthesize",
 ]
 

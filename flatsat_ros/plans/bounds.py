@@ -19,6 +19,8 @@ from flatsat_ros.base.errors import LARGEST, refusal, require, require_fields, r
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.plans.curve import UNIT, Curve, Exact
 
+_ON_FACE = UNIT // 10**6  # 1 um: start and goal may lie on a face of the box, and rounding moves points
+
 NAMES = ("acceleration", "jerk", "snap", "speed", "box")
 
 
@@ -46,7 +48,7 @@ class Bounds:
         margin: distance that accelerations keep from the boundary of the input set, m/s^2.
         jerk_max: m/s^3.
         snap_max: m/s^4.
-        lower, upper: (3,) m, corners of the box that the references stay in.
+        lower, upper: (3,) m, corners of the box that the references stay in, to 1 um.
         speed_max: m/s; None for no limit.
 
     Raises:
@@ -106,8 +108,7 @@ class Bounds:
                 ("lower", points[..., axis] - 1 - math.ceil(Fraction(low) * UNIT)),
                 ("upper", math.floor(Fraction(high) * UNIT) - points[..., axis] - 1),
             ):
-                # two units, 2 nm, are for roundings: of a point that lies on the face, and of the face itself
-                yield _claim(f"box, {name} {'xyz'[axis]}", room + 2, (room + 2) / UNIT, "m", starts)
+                yield _claim(f"box, {name} {'xyz'[axis]}", room + _ON_FACE, (room + _ON_FACE) / UNIT, "m", starts)
 
 
 def _wide(curve: Curve, order: int) -> Exact:

@@ -1,0 +1,146 @@
+"""`ros2 run flatsat_ros plan`: way-points in, a proved plan out."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from flatsat_ros.cli import shell
+
+if TYPE_CHECKING:
+    from flatsat_ros.planning.planner import Round
+    from flatsat_ros.plans import Plan
+
+_CERTIFICATE = "paper_experiment"  # the controller's default
+_SECONDS = 20.0
+_SHOWN = 5  # pairs
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Plan, or prove a plan again; 0 when done, see `shell` for the others."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # products of small matrices: threads only wait for each other
+    return shell.run(_parser, _run, argv)
+
+
+def _parser() -> shell.Parser:
+    parser = shell.Parser(
+        "plan",
+        "Plan references through way-points that are proved to keep all limits and, for many drones, to keep apart by "
+        "both bodies and both tubes at all times.",
+        "example: plan waypoints.csv --output tour.yaml",
+    )
+    parser.add_argument(
+        "file", nargs="?", type=shell.path, metavar="FILE",
+        help="way-points: .csv with columns x,y,z[,yaw][,t] for one drone, .yaml for many, .json for missions",
+    )  # fmt: skip
+    parser.add_argument("--output", type=shell.path, metavar="FILE", help="plan to write; without it none is written")
+    parser.add_argument(
+        "--verify", type=shell.path, metavar="FILE", help="only prove this plan again, without a solver"
+    )
+    parser.add_argument(
+        "--certificate", metavar="NAME_OR_PATH", help=f"whose limits the references keep (default: {_CERTIFICATE})"
+    )
+    wishes = parser.add_argument_group("wishes")
+    for option, unit, text in (
+        ("tube", "M", "how far a drone may be off its reference, as you state it; nothing proves it (default: 0.05)"),
+        ("margin", "M_S2", "of accelerations to the input set (default: half the radius of the ball around hover)"),
+        ("jerk-max", "M_S3", "largest jerk (default: 2)"),
+        ("snap-max", "M_S4", "largest snap (default: 20)"),
+        ("speed-max", "M_S", "largest speed (default: not bounded)"),
+        ("clearance", "M", "kept between drones beside bodies and tubes (default: 0)"),
+        ("floor", "M", "lowest height of references (default: the mission's, else that of the first way-point)"),
+        ("seconds", "S", f"how long to make the plan shorter (default: {_SECONDS:g}); Ctrl-C keeps the best"),
+    ):
+        wishes.add_argument(f"--{option}", type=float, metavar=unit, help=text)
+    parser.add_argument("--force", action="store_true", help="overwrite the output")
+    return parser
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from flatsat_ros.base.errors import FlatsatError
+
+    if arguments.verify is not None:
+        shell.require_alone(arguments, "verify", "certificate")
+        _verify(arguments.verify, arguments.certificate)
+    elif arguments.file is None:
+        raise FlatsatError("no way-points: give a file, or --verify with a plan; see --help")
+    else:
+        _plan(arguments)
+    return 0
+
+
+def _verify(path: Path, certificate: str | None) -> None:
+    """Prove a plan again and print what is left of its claims."""
+    from flatsat_ros.certificate.certificate import load_certificate
+    from flatsat_ros.plans import Plan
+
+    plan = Plan.load(path)
+    if certificate is not None:
+        plan.require_made_for(load_certificate(certificate))
+    print(f"plan {plan.name} in {path} holds: proved with integers, for all times")
+    _tell(plan)
+
+
+def _plan(arguments: argparse.Namespace) -> None:
+    from flatsat_ros.base.errors import FlatsatError
+    from flatsat_ros.base.files import check_writable, unwritable
+    from flatsat_ros.certificate.certificate import load_certificate
+    from flatsat_ros.planning.inputs import Wishes, read_mission
+    from flatsat_ros.planning.planner import plan
+
+    output: Path | None = arguments.output
+    if output is not None:
+        check_writable(output)
+        if output.exists() and not arguments.force:
+            raise unwritable(output, "it exists: give --force to overwrite it")
+    elif arguments.force:
+        raise FlatsatError("--force overwrites the output; without --output none is written")
+    options = ("tube", "margin", "jerk_max", "snap_max", "speed_max", "clearance", "floor")
+    given = {name: getattr(arguments, name) for name in options if getattr(arguments, name) is not None}
+    certificate = load_certificate(arguments.certificate or _CERTIFICATE)
+    name = (output or arguments.file).stem
+    mission = read_mission(arguments.file, certificate, Wishes(**given), name)
+    seconds = _SECONDS if arguments.seconds is None else arguments.seconds
+    found = plan(mission, seconds, _progress)
+    if output is not None:
+        found.save(output)
+    print(f"plan {found.name} for certificate {found.certificate}: proved with integers, for all times")
+    _tell(found)
+    print(f"  written to {output}" if output is not None else "  not written: give --output FILE")
+
+
+def _progress(proved: Round) -> None:
+    bound = f", {proved.duration / proved.bound:.3f} of the slowest drone alone" if proved.bound else ""
+    print(f"  proved: {proved.duration:.3f} s{bound}", file=sys.stderr, flush=True)
+
+
+def _tell(plan: Plan) -> None:
+    """Print duration, limits and the nearest pairs of a plan."""
+    bounds = plan.bounds
+    print(f"  {len(plan.drones)} drones, {plan.duration:.3f} s" if len(plan.drones) > 1 else f"  {plan.duration:.3f} s")
+    speed = "" if bounds.speed_max is None else f", speed at most {bounds.speed_max:g} m/s"
+    print(
+        f"  margin {bounds.margin:.4g} m/s^2 to the input set, jerk at most {bounds.jerk_max:g} m/s^3, snap "
+        f"{bounds.snap_max:g} m/s^4{speed}"
+    )
+    print(f"  box {bounds.lower.tolist()} to {bounds.upper.tolist()} m")
+    radii = sorted({drone.tube.radius for drone in plan.drones})
+    print(f"  tubes {', '.join(f'{radius:g}' for radius in radii)} m: given, not proved by a certificate")
+    nearest = sorted(plan.pairs, key=lambda pair: pair.distance)[:_SHOWN]
+    drones = {drone.name: drone for drone in plan.drones}
+    for pair in nearest:
+        required = float(plan.required(drones[pair.first], drones[pair.second]))
+        print(
+            f"  {pair.first}, {pair.second}: at least {pair.distance / 1e4:.4f} m apart (asked {required:.4f}), "
+            f"nearest at {pair.start / 1e6:.2f} s"
+        )
+    if len(plan.pairs) > _SHOWN:
+        print(f"  and {len(plan.pairs) - _SHOWN} pairs that are farther apart")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,213 @@
+"""Rounds that end in references proved to keep what is asked, shorter and shorter.
+
+One drone: the durations of its legs are optimised, then the smoothest reference of that duration is taken. Many drones:
+the slowest one alone gives a bound that no plan undercuts; the search begins above it, and what it finds counts only
+when the exact proof succeeds. From there the duration is brought toward the bound as far as proofs go.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from fractions import Fraction
+
+import numpy as np
+
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.planning.mission import Mission
+from flatsat_ros.planning.planner import Round
+from flatsat_ros.planning.reference import shapes_of, shortest, shortest_legs, smoothest
+from flatsat_ros.planning.search import Search, Swarm
+from flatsat_ros.planning.shapes import Shapes
+from flatsat_ros.plans import Curve, closest
+from flatsat_ros.plans.curve import UNIT
+
+_SPANS = 24  # of a reference in a swarm; each leg has at least _LEG
+_LEG = 8
+_UNITS = 64  # legs' durations in proportion: the longest has so many units in each span
+_SLOWEST = 3  # drones with the longest ways, whose own shortest references bound the duration
+
+_LONGER = (1.2, 1.35, 1.5, 1.8, 2.2, 3.0)  # durations that are tried first, of the bound
+_BEGINNINGS = ((0.05, 0), (0.0, 1), (0.15, 2), (0.05, 3))  # swirl and seed
+_STAGES = 4  # of growing penalties
+_SHORTEST = 1.002  # of the bound: the penalty needs room beside the limits
+_ENOUGH = 0.002  # of the bound: a smaller step is not worth a round
+_RELAXED = (1.0005, 1.001, 1.003, 1.01, 1.03)  # of the shortest duration, to have room for a smooth reference
+
+
+def rounds(mission: Mission, late: Callable[[], bool]) -> Iterator[Round]:
+    """Yield proved references, each set shorter than the one before.
+
+    Args:
+        mission: what is asked.
+        late: whether to stop improving.
+
+    Raises:
+        FlatsatError: what is asked cannot be planned.
+    """
+    if mission.times is not None:
+        yield _timed(mission)
+    elif len(mission.drones) == 1:
+        yield _alone(mission)
+    else:
+        yield from _together(mission, late)
+
+
+def _alone(mission: Mission) -> Round:
+    """Return the shortest reference of one drone, as smooth as that duration allows."""
+    (drone,) = mission.drones
+    found = shortest_legs(drone.waypoints, mission.limits, mission.bounds)
+    if found is None:
+        raise _no_way(drone.name, mission)
+    legs, bound = found
+    for factor in _RELAXED:
+        shapes = shapes_of(factor * legs, max(3, _SPANS // len(legs)) if len(legs) == 1 else 3)
+        points = smoothest(shapes, drone.waypoints, float(shapes.lengths.sum()) / 1e6, mission.limits, mission.bounds)
+        if points is not None:
+            curves = (_curve(shapes, points, 1),)
+            if _broken(mission, curves) is None:
+                return Round(curves, curves[0].duration, bound)
+    raise _no_way(drone.name, mission)
+
+
+def _timed(mission: Mission) -> Round:
+    """Return references that pass the way-points at the given times."""
+    assert mission.times is not None
+    legs = np.diff(mission.times)
+    shapes = shapes_of(legs, max(_LEG, _SPANS // len(legs)) if len(mission.drones) > 1 else 3)
+    duration = float(shapes.lengths.sum()) / 1e6
+    for drone in mission.drones:
+        alone = shortest(shapes, drone.waypoints, mission.limits, mission.bounds)
+        if alone is None:
+            raise _no_way(drone.name, mission)
+        if alone[1] > duration:
+            factor = math.ceil(1e3 * _RELAXED[0] * alone[1] / duration) / 1e3
+            smooth = (_curve(shapes, shapes.fixed @ drone.waypoints, 1),)
+            raise FlatsatError(
+                f"times of way-points of {drone.name}: must be at least {factor:.3f} times as long; the smoothest "
+                f"reference through them breaks {_broken(mission, smooth) or 'nothing, but there is a better one'}"
+            )
+    if len(mission.drones) == 1:
+        points = smoothest(shapes, mission.drones[0].waypoints, duration, mission.limits, mission.bounds)
+        curves = None if points is None else (_curve(shapes, points, 1),)
+        broken = "the solver finds none" if curves is None else _broken(mission, curves)
+        if curves is not None and broken is None:
+            return Round(curves, duration, duration)
+    else:
+        search = Search(_swarm(mission, shapes))
+        for swirl, seed in _BEGINNINGS:
+            found, _, broken = _settled(mission, search, search.begin(swirl, seed), 1, lambda: False)
+            if found is not None:
+                return Round(found, duration, duration)
+    raise FlatsatError(
+        f"way-points at these times: no references found that keep the limits; last was broken: {broken}"
+    )
+
+
+def _together(mission: Mission, late: Callable[[], bool]) -> Iterator[Round]:
+    """Yield references of a swarm that are shorter and shorter."""
+    ways = np.linalg.norm(np.diff(mission.waypoints, axis=1), axis=2)  # (N, L)
+    proportions = np.sqrt(ways.max(axis=0) + 0.1)
+    count = len(proportions)
+    units = np.maximum(1, np.rint(_UNITS * proportions / proportions.max())).astype(np.int64)
+    spans = max(_LEG, _SPANS // count)
+    shapes = Shapes(np.repeat(units if count > 1 else units // units, spans), spans * np.arange(count + 1))
+    bound = _bound(mission, shapes, ways)
+    search = Search(_swarm(mission, shapes))
+    total = int(shapes.lengths.sum())
+
+    def unit_of(duration: float) -> int:
+        return math.ceil(duration * 1e6 / total)
+
+    broken: str | None = None
+    for factor, (swirl, seed) in ((factor, beginning) for factor in _LONGER for beginning in _BEGINNINGS):
+        unit = unit_of(factor * bound)
+        found, modes, broken = _settled(mission, search, search.begin(swirl, seed), unit, lambda: False)
+        if found is not None:
+            break
+    else:
+        raise FlatsatError(f"no plan found in up to {_LONGER[-1]:g} times the bound of {bound:.4g} s: {broken}")
+    yield Round(found, found[0].duration, bound)
+    low, high, share = _SHORTEST * bound, found[0].duration, 0.1
+    while high - low > _ENOUGH * bound and not late():
+        unit = unit_of(low + share * (high - low))
+        if unit * total / 1e6 >= high:
+            break
+        shorter, tried, _ = _settled(mission, search, modes, unit, late)
+        if shorter is None:
+            low, share = unit * total / 1e6, 0.5
+        else:
+            modes, high = tried, shorter[0].duration
+            yield Round(shorter, high, bound)
+
+
+def _settled(
+    mission: Mission, search: Search, modes: FloatArray, unit: int, late: Callable[[], bool]
+) -> tuple[tuple[Curve, ...] | None, FloatArray, str | None]:
+    """Search with growing penalties until the proof succeeds: curves or None, their modes, what is broken at last."""
+    shapes = search.swarm.shapes
+    duration = float(shapes.lengths.sum()) * unit / 1e6
+    broken: str | None = "time is up"
+    for stage in range(_STAGES):
+        if late():
+            break
+        modes = search.settle(modes, duration, stage)
+        curves = tuple(_curve(shapes, points, unit) for points in search.points(modes))
+        broken = _broken(mission, curves)
+        if broken is None:
+            return curves, modes, None
+    return None, modes, broken
+
+
+def _broken(mission: Mission, curves: tuple[Curve, ...]) -> str | None:
+    """Prove with integers what is asked of the references; return what cannot be proved, or None."""
+    for drone, curve in zip(mission.drones, curves, strict=False):
+        for claim in mission.bounds.claims(curve, mission.limits):
+            if claim.slack < 0.0:
+                return f"{drone.name}: {claim.name} by {-claim.slack:.4g} {claim.unit} at about t = {claim.time:.4g} s"
+    if len(curves) < 2:
+        return None
+    asked = [math.ceil(_asked(mission, i, j) * UNIT) for i in range(len(curves)) for j in range(i + 1, len(curves))]
+    found = closest(curves, mission.downwash, np.array(asked, dtype=np.int64))
+    short = np.array(asked) - found.distance
+    worst = int(short.argmax())
+    if short[worst] <= 0:
+        return None
+    first, second = (mission.drones[int(side[worst])].name for side in (found.first, found.second))
+    return (
+        f"{first}, {second}: distance {found.distance[worst] / UNIT:.4g} m at about t = {found.start[worst]:.4g} s, "
+        f"{asked[worst] / UNIT:.4g} m are asked for"
+    )
+
+
+def _asked(mission: Mission, first: int, second: int) -> Fraction:
+    """Return the distance that two drones must keep, m, and a bit that the rounding of stated distances takes."""
+    radii = sum(Fraction(mission.drones[i].body) + Fraction(mission.tube.radius) for i in (first, second))
+    return radii + Fraction(mission.clearance) + Fraction(3, 10**4)
+
+
+def _swarm(mission: Mission, shapes: Shapes) -> Swarm:
+    return Swarm(shapes, mission.waypoints, mission.distances, mission.downwash, mission.limits, mission.bounds)
+
+
+def _bound(mission: Mission, shapes: Shapes, ways: FloatArray) -> float:
+    """Return the longest of the shortest durations of drones alone: no plan with these shapes is shorter, s."""
+    longest = 0.0
+    for number in np.argsort(-ways.max(axis=1), kind="stable")[:_SLOWEST].tolist():
+        drone = mission.drones[number]
+        found = shortest(shapes, drone.waypoints, mission.limits, mission.bounds)
+        if found is None:
+            raise _no_way(drone.name, mission)
+        longest = max(longest, found[1])
+    return longest
+
+
+def _no_way(name: str, mission: Mission) -> FlatsatError:
+    lower, upper = mission.bounds.lower.tolist(), mission.bounds.upper.tolist()
+    return FlatsatError(f"way-points of {name}: no reference passes them inside the box from {lower} to {upper} m")
+
+
+def _curve(shapes: Shapes, points: FloatArray, unit: int) -> Curve:
+    """Return the curve whose spans last `unit` us times the shapes' lengths."""
+    return Curve.rounded([0, *(unit * np.cumsum(shapes.lengths)).tolist()], points)

@@ -1,0 +1,200 @@
+"""Missions from files: way-points of one drone (CSV), of many (YAML), and missions of lsc_planner (JSON)."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.errors import FlatsatError, quoted, refusal, require, require_number
+from flatsat_ros.base.files import located, read_text, unreadable
+from flatsat_ros.base.strict_yaml import read_yaml, section
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.planning.mission import Asked, Mission
+from flatsat_ros.plans import Bounds, Tube
+
+_BYTES_MAX = 1024 * 1024
+_ROWS_MAX = 500
+_AROUND = 0.5  # m: the box around way-points, where none is given
+_BODY = 0.15  # m, radius, where none is given
+_DOWNWASH = 2.0
+_COLUMNS = ("x", "y", "z", "yaw", "t")
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What a user asks of a plan beside way-points; None for what the file or a default says.
+
+    Attributes:
+        tube: radius, m, stated by the user.
+        margin: m/s^2; None for half the radius of the ball around hover in the input set.
+        jerk_max, snap_max: m/s^3, m/s^4.
+        speed_max: m/s; None for no bound.
+        clearance: m.
+        floor: m; None for that of the mission, else the height of the first way-point.
+    """
+
+    tube: float = 0.05
+    margin: float | None = None
+    jerk_max: float = 2.0
+    snap_max: float = 20.0
+    speed_max: float | None = None
+    clearance: float = 0.0
+    floor: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Content:
+    """What a file says."""
+
+    drones: tuple[Asked, ...]
+    times: FloatArray | None = None
+    box: tuple[FloatArray, FloatArray] | None = None
+    downwash: float = _DOWNWASH
+
+
+def read_mission(path: str | os.PathLike[str], certificate: Certificate, wishes: Wishes, name: str) -> Mission:
+    """Return what a file asks for.
+
+    Args:
+        path: of a .csv, .yaml or .json file.
+        certificate: whose input set the references keep.
+        wishes: of the user.
+        name: of the plan.
+
+    Raises:
+        FlatsatError: the file cannot be read, is not of its form, or asks for what no plan can keep.
+    """
+    readers = {".csv": _from_csv, ".yaml": _from_yaml, ".json": _from_json}
+    kind = Path(path).suffix.lower()
+    if kind not in readers:
+        raise refusal("file", os.fspath(path), "", f"one whose name ends in {', '.join(readers)}")
+    try:
+        content = readers[kind](path)
+        lower, upper = content.box or _around(content.drones)
+        if wishes.floor is not None:
+            lower = np.array([*lower[:2], require_number("floor", wishes.floor, "m")])
+        margin = certificate.limits.inner_radius / 2.0 if wishes.margin is None else wishes.margin
+        bounds = Bounds(margin, wishes.jerk_max, wishes.snap_max, lower, upper, wishes.speed_max)
+        return Mission(
+            name, content.drones, certificate.name, certificate.limits, bounds, Tube(wishes.tube), content.times,
+            content.downwash, wishes.clearance,
+        )  # fmt: skip
+    except FlatsatError as error:
+        if str(error).startswith(os.fspath(path)):
+            raise
+        raise located(path, error) from error
+
+
+def _around(drones: Sequence[Asked]) -> tuple[FloatArray, FloatArray]:
+    """Return a box around all way-points; its floor is at the height of the lowest first one."""
+    places = np.concatenate([drone.waypoints for drone in drones])
+    lower, upper = places.min(axis=0) - _AROUND, places.max(axis=0) + _AROUND
+    lower[2] = min(float(drone.waypoints[0, 2]) for drone in drones)
+    return lower, upper
+
+
+def _from_csv(path: str | os.PathLike[str]) -> _Content:
+    rows = list(csv.reader(io.StringIO(read_text(path, _BYTES_MAX))))
+    names = [cell.strip() for cell in rows[0]] if rows else []
+    valid = "x,y,z, then yaw and t where they are known"
+    if names[:3] != ["x", "y", "z"] or len(set(names)) < len(names) or not set(names) <= set(_COLUMNS):
+        raise refusal("first line", ",".join(names), "", f"the names of the columns: {valid}")
+    body = [row for row in rows[1:] if row]
+    require(2 <= len(body) <= _ROWS_MAX, "number of way-points", len(body), "", f"from 2 to {_ROWS_MAX}")
+    columns = np.array([_numbers(f"way-point {number}", row, len(names)) for number, row in enumerate(body, 1)])
+    table = dict(zip(names, columns.T, strict=True))
+    yaw = table.get("yaw", np.zeros(1))
+    if np.ptp(yaw) > 0.0:
+        raise refusal("yaw", sorted(set(yaw.tolist())), "rad", "the same in all lines: a reference holds one yaw")
+    times = table.get("t")
+    drone = Asked("cf1", np.stack([table[axis] for axis in "xyz"], axis=1), _BODY, float(yaw[0]))
+    return _Content((drone,), None if times is None else times - times[0])
+
+
+def _numbers(name: str, cells: Sequence[str], count: int) -> list[float]:
+    if len(cells) != count:
+        raise refusal(name, ",".join(cells), "", f"{count} numbers, one for each column")
+    try:
+        values = [float(cell) for cell in cells]
+    except ValueError as error:
+        raise refusal(name, ",".join(cells), "", "numbers") from error
+    if not all(map(math.isfinite, values)):
+        raise refusal(name, ",".join(cells), "", "finite numbers")
+    return values
+
+
+def _from_yaml(path: str | os.PathLike[str]) -> _Content:
+    document = read_yaml(path)
+    if not isinstance(document, dict) or "drones" not in document:
+        raise refusal(
+            "the mission", document, "", "a mapping with the key drones, and body, downwash, times, box if wanted"
+        )
+    given = {"body": _BODY, "downwash": _DOWNWASH, "times": None, "box": None} | document
+    values = section("the mission", given, ("drones", "body", "downwash", "times", "box"))
+    if not isinstance(values["drones"], dict):
+        raise refusal("drones", values["drones"], "", "a mapping from names to lists of way-points [x, y, z]")
+    drones = tuple(
+        Asked(name, finite_array(f"way-points of {name}", places, 3), values["body"])
+        for name, places in values["drones"].items()
+    )
+    box = None
+    if values["box"] is not None:
+        corners = section("box", values["box"], ("lower", "upper"))
+        box = (finite_array("lower", corners["lower"], 3), finite_array("upper", corners["upper"], 3))
+    times = None if values["times"] is None else finite_array("times", values["times"])
+    return _Content(drones, times, box, values["downwash"])
+
+
+def _from_json(path: str | os.PathLike[str]) -> _Content:
+    """Read a mission of lsc_planner: kinds of quadrotors, one world with its dimension, agents with start and goal."""
+    try:
+        document = json.loads(read_text(path, _BYTES_MAX), parse_constant=_no_constant)
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, FlatsatError):
+            raise
+        raise unreadable(path, error) from error
+    root = _needed("the mission", document, "quadrotors", "world", "agents")
+    if root.get("obstacles"):
+        raise refusal("obstacles", root["obstacles"], "", "none: this version plans in empty rooms")
+    dimension = finite_array(
+        "dimension", _needed("world", _entries("world", root["world"])[0], "dimension")["dimension"]
+    )
+    require(dimension.shape == (6,), "dimension", dimension.tolist(), "m", "x_min, y_min, z_min, x_max, y_max, z_max")
+    drones, downwash = [], set()
+    for number, entry in enumerate(_entries("agents", root["agents"]), 1):
+        agent = _needed(f"agent {number}", entry, "type", "start", "goal")
+        kind = _needed("quadrotors", root["quadrotors"], str(agent["type"]))[str(agent["type"])]
+        vehicle = _needed(f"quadrotor {quoted(agent['type'])}", kind, "radius", "downwash")
+        waypoints = finite_array(f"start and goal of agent {number}", [agent["start"], agent["goal"]], 3)
+        drones.append(Asked(f"cf{agent.get('cid', number)}", waypoints, vehicle["radius"]))
+        downwash.add(require_number("downwash", vehicle["downwash"], ""))
+    require(len(downwash) == 1, "downwash", sorted(downwash), "", "the same for all drones")
+    return _Content(tuple(drones), None, (dimension[:3], dimension[3:]), downwash.pop())
+
+
+def _no_constant(name: str) -> float:
+    raise refusal("number", name, "", "finite")
+
+
+def _entries(name: str, value: object) -> list[Any]:
+    if not isinstance(value, list) or not value:
+        raise refusal(name, value, "", "a list with at least one entry")
+    return value
+
+
+def _needed(name: str, value: object, *keys: str) -> dict[str, Any]:
+    """Return a mapping that has at least the given keys: these files say much more that a plan does not need."""
+    missing = [key for key in keys if not isinstance(value, dict) or key not in value]
+    if missing or not isinstance(value, dict):
+        raise FlatsatError(f"{name}: must be a mapping with {', '.join(keys)}; {', '.join(missing)} is missing")
+    return value

@@ -1,0 +1,129 @@
+"""What is to be planned: drones with way-points, and the limits that their references keep."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.errors import FlatsatError, refusal, require, require_fields, require_not_negative
+from flatsat_ros.law.input_set import InputSet
+from flatsat_ros.plans import Bounds, Tube
+
+_APART = 1e-3  # m: way-points that follow each other are at least so far apart, or a leg has no length
+_DURATION = 3600.0  # s, at most
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """One drone of a mission.
+
+    Attributes:
+        name: the robot's.
+        waypoints: (W, 3) m, world frame, W >= 2; the drone rests at the first and at the last.
+        body: radius, m, in the downwash metric.
+        yaw: held, rad.
+    """
+
+    name: str
+    waypoints: FloatArray
+    body: float = 0.15
+    yaw: float = 0.0
+
+    def __post_init__(self) -> None:
+        waypoints = finite_array(f"way-points of {self.name}", self.waypoints, 3)
+        if waypoints.ndim != 2 or len(waypoints) < 2:
+            raise refusal(f"shape of the way-points of {self.name}", waypoints.shape, "", "(W, 3) with W >= 2")
+        object.__setattr__(self, "waypoints", np.round(waypoints, 9))  # nanometres, as in a plan
+
+
+@dataclass(frozen=True, eq=False)
+class Mission:
+    """What is asked of all drones.
+
+    Attributes:
+        name: of the plan.
+        drones: with equally many way-points each, which all pass at the same times.
+        certificate: name of the certificate that it is planned for.
+        limits: that certificate's input set.
+        bounds: of each reference.
+        tube: how far each drone may be off its reference.
+        times: (W,) s, from 0, when the way-points are passed; None for as soon as possible.
+        downwash: how many times as far drones keep apart along the vertical.
+        clearance: kept beside bodies and tubes, m.
+
+    Raises:
+        FlatsatError: no reference can keep what is asked, as far as that can be seen without a search.
+    """
+
+    name: str
+    drones: tuple[Asked, ...]
+    certificate: str
+    limits: InputSet
+    bounds: Bounds
+    tube: Tube
+    times: FloatArray | None = None
+    downwash: float = 2.0
+    clearance: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_fields(self, require_not_negative, clearance="m")
+        self.bounds.within(self.limits)
+        require(bool(self.drones), "number of drones", 0, "", "at least 1")
+        counts = {drone.name: len(drone.waypoints) for drone in self.drones}
+        require(len(counts) == len(self.drones), "names of the drones", [d.name for d in self.drones], "", "different")
+        count = len(self.drones[0].waypoints)
+        for name, other in counts.items():
+            require(
+                other == count, f"number of way-points of {name}", other, "", f"{count} as of {self.drones[0].name}"
+            )
+        if self.times is not None:
+            times = finite_array("times of way-points", self.times)
+            require(times.shape == (count,), "number of times", times.shape, "", f"{count}, one for each way-point")
+            rising = bool((np.diff(times) > 0.0).all()) and times[0] == 0.0 and times[-1] <= _DURATION
+            require(rising, "times of way-points", times.tolist(), "s", f"increasing from 0 to at most {_DURATION:g} s")
+        for drone in self.drones:
+            self._require_possible(drone)
+        self._require_apart()
+
+    @property
+    def waypoints(self) -> FloatArray:
+        """(N, W, 3) m."""
+        return np.stack([drone.waypoints for drone in self.drones])
+
+    @property
+    def distances(self) -> FloatArray:
+        """(N, N) m, that each two drones keep in the downwash metric; 0 for a drone and itself."""
+        radii = np.array([drone.body + self.tube.radius for drone in self.drones])
+        distances = radii[:, np.newaxis] + radii + self.clearance
+        np.fill_diagonal(distances, 0.0)
+        return np.asarray(distances)
+
+    def _require_possible(self, drone: Asked) -> None:
+        """Refuse way-points outside the box, and two in a row at the same place."""
+        for number, place in enumerate(drone.waypoints.tolist(), 1):
+            for axis, value, low, high in zip("xyz", place, self.bounds.lower, self.bounds.upper, strict=True):
+                if not low <= value <= high:
+                    valid = f"from {low:.6g} to {high:.6g} m, in the box of the references"
+                    raise refusal(f"{axis} of way-point {number} of {drone.name}", value, "m", valid)
+        if len(drone.waypoints) > 2 and self.times is None:
+            ways = np.linalg.norm(np.diff(drone.waypoints, axis=0), axis=1)
+            if ways.min() < _APART and len(self.drones) == 1:
+                number = int(ways.argmin()) + 2
+                what = f"distance of way-point {number} of {drone.name} from the one before"
+                raise refusal(what, float(ways.min()), "m", f"at least {_APART} m")
+
+    def _require_apart(self) -> None:
+        """Refuse two drones that are to be too near each other at the same way-point."""
+        distances, stretch = self.distances, np.array([1.0, 1.0, self.downwash])
+        for (i, first), (j, second) in itertools.combinations(enumerate(self.drones), 2):
+            apart = np.linalg.norm((first.waypoints - second.waypoints) / stretch, axis=1)
+            worst = int(apart.argmin())
+            if apart[worst] < distances[i, j]:
+                valid = f"at least {distances[i, j]:.6g} m, both bodies, both tubes and the clearance"
+                raise FlatsatError(
+                    f"distance of {first.name} and {second.name} at way-point {worst + 1} = {apart[worst]:.6g} m: must "
+                    f"be {valid}; heights count by 1/{self.downwash:g}"
+                )

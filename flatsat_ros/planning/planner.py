@@ -1,0 +1,91 @@
+"""From a mission to a proved plan: the best references of the rounds that fit the time, and their distances."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import version
+
+from flatsat_ros._version import __version__
+from flatsat_ros.base.errors import require_positive
+from flatsat_ros.planning.mission import Mission
+from flatsat_ros.plans import Curve, Plan, PlannedDrone, Waypoint
+
+SECONDS = 20.0  # how long a plan is improved, unless it is said otherwise
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """References that are proved to keep what a mission asks.
+
+    Attributes:
+        curves: one for each drone.
+        duration: s.
+        bound: s, no references of this spline space are shorter; 0 where none is known.
+    """
+
+    curves: tuple[Curve, ...]
+    duration: float
+    bound: float
+
+
+def plan(mission: Mission, seconds: float = SECONDS, progress: Callable[[Round], None] | None = None) -> Plan:
+    """Return the best plan that is found in the given time, proved.
+
+    Ctrl-C ends the search early. Rounds follow each other in the same way always; how far they get depends on the time.
+
+    Args:
+        mission: what is asked.
+        seconds: for the search, from the first proved round on; that one is waited for.
+        progress: is told each round.
+
+    Raises:
+        FlatsatError: what is asked cannot be planned; the text names drones, time and limit.
+    """
+    from flatsat_ros.planning.improvement import rounds  # scipy and the solver take a while to import
+
+    require_positive("seconds", seconds, "s")
+    until = time.monotonic() + seconds
+    found: list[Round] = []
+    try:
+        for proved in rounds(mission, lambda: time.monotonic() > until):
+            found.append(proved)
+            if progress is not None:
+                progress(proved)
+    except KeyboardInterrupt:
+        if not found:
+            raise
+    return _finished(mission, found[-1])
+
+
+def _finished(mission: Mission, found: Round) -> Plan:
+    """Return the plan of a round, with the distances that can be certified."""
+    passed = _passed(mission, found.curves[0])
+    drones = [
+        PlannedDrone(
+            drone.name, curve, drone.body, mission.tube, drone.yaw,
+            tuple(
+                Waypoint(knot, *(round(1e9 * value) for value in place))
+                for knot, place in zip(passed, drone.waypoints.tolist(), strict=True)
+            ),
+        )
+        for drone, curve in zip(mission.drones, found.curves, strict=True)
+    ]  # fmt: skip
+    provenance = {
+        "package": f"flatsat_ros {__version__}",
+        "solver": f"Clarabel {version('clarabel')}",
+        "bound": f"{found.bound:.6f} s: the slowest drone alone, with the same knots in proportion and the same limits",
+    }
+    made = Plan.of(
+        drones, name=mission.name, certificate=mission.certificate, limits=mission.limits, bounds=mission.bounds,
+        downwash=mission.downwash, clearance=mission.clearance, provenance=provenance,
+    )  # fmt: skip
+    made.verify()
+    return made
+
+
+def _passed(mission: Mission, curve: Curve) -> list[int]:
+    """Return the knots, us, at which the way-points are passed: legs have equally many spans."""
+    legs = len(mission.drones[0].waypoints) - 1
+    return list(curve.knots[:: (len(curve.knots) - 1) // legs])

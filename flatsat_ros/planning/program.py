@@ -1,0 +1,235 @@
+"""Conic programs handed to Clarabel as they are, and the limits of a B-spline reference as such constraints.
+
+The unknowns are control points and T^4, with T the factor by which knots are stretched. Then everything is convex at
+once: with s <= T^2, u <= T^3 and t <= T as further unknowns, which three quadratic cones bound by T^4,
+
+    |A_h| cos eps <= A_3 sin eps + s (g sin eps - m),   |A + s g e3| <= s (T_max - m),   |V| <= t V_max,
+    |J| <= u J_max,   |S| <= T^4 S_max
+
+where V, A, J, S are the Bezier control points of the derivatives at T = 1, linear in the spline's control points. The
+shortest duration is the minimum of a linear function, and a solution of this program is the best there is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import clarabel
+import numpy as np
+from scipy import sparse
+
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.law.input_set import InputSet
+from flatsat_ros.plans.bounds import Bounds
+from flatsat_ros.plans.curve import DEGREE, ORDER, bezier_weights, local_knots
+
+# kept back so that rounding control points to nanometres breaks no limit: of acceleration m/s^2, relative of others
+_RESERVE = 1e-4
+_SHARE = 1.0 - 1e-3
+
+_STEP = 1e-6  # relative, of a leg, for derivatives
+
+UNKNOWNS = 4  # T^4, s, u, t
+FOURTH, SQUARE, CUBE, FIRST = range(-UNKNOWNS, 0)
+
+Affine = tuple[sparse.csr_matrix, FloatArray]  # of all unknowns: matrix (K, n) and constant (K,)
+
+
+class Program:
+    """Minimise (x'P x)/2 + q'x over affine functions of x in cones."""
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+        self._blocks: list[sparse.csr_matrix] = []
+        self._constants: list[FloatArray] = []
+        self._cones: list[object] = []
+
+    def vanish(self, value: Affine) -> None:
+        """Ask for 0."""
+        self._add(*value, [clarabel.ZeroConeT(len(value[1]))])
+
+    def be_positive(self, value: Affine) -> None:
+        """Ask for at least 0."""
+        self._add(*value, [clarabel.NonnegativeConeT(len(value[1]))])
+
+    def bound_norms(self, head: Affine, *parts: Affine) -> None:
+        """Ask that each entry of the head bounds the norm of the vector of the parts' entries."""
+        count, width = len(head[1]), len(parts) + 1
+        rows = np.arange(count * width).reshape(width, count).T.ravel()
+        matrix = sparse.vstack([head[0], *(part[0] for part in parts)], format="csr")[rows]
+        constant = np.concatenate([head[1], *(part[1] for part in parts)])[rows]
+        self._add(matrix, constant, [clarabel.SecondOrderConeT(width)] * count)
+
+    def _add(self, matrix: sparse.csr_matrix, constant: FloatArray, cones: Sequence[object]) -> None:
+        self._blocks.append(matrix)
+        self._constants.append(constant)
+        self._cones.extend(cones)
+
+    def placed(self, matrix: sparse.csr_matrix, column: int) -> sparse.csr_matrix:
+        """Return a matrix of the unknowns from `column` on as one of all unknowns."""
+        return _placed(matrix, column, self.size)
+
+    def minimised(self, linear: FloatArray, quadratic: sparse.csc_matrix | None = None) -> FloatArray | None:
+        """Return the best x, or None if the solver finds none.
+
+        Args:
+            linear: q (n,).
+            quadratic: P (n, n), the upper triangle; 0 by default.
+        """
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.max_threads = 1
+        settings.direct_solve_method = "qdldl"  # no kernel of linear algebra that differs between machines
+        quadratic = sparse.csc_matrix((self.size, self.size)) if quadratic is None else quadratic
+        matrix = -sparse.vstack(self._blocks, format="csc")
+        solver = clarabel.DefaultSolver(
+            quadratic, linear, matrix, np.concatenate(self._constants), self._cones, settings
+        )
+        solution = solver.solve()
+        if solution.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
+            return None
+        return np.asarray(solution.x)
+
+
+def bezier_matrix(knots: FloatArray, order: int) -> sparse.csr_matrix:
+    """Return the matrix (M (6 - order), M + 5) from control points to Bezier points of a derivative, span by span.
+
+    Args:
+        knots: (M + 1,) s.
+        order: 0 position, 1 velocity, ... 4 snap.
+    """
+    count = len(knots) - 1
+    weights = bezier_weights(local_knots(knots), knots[:-1], knots[1:])
+    for degree in range(DEGREE, DEGREE - order, -1):
+        weights = degree * np.diff(weights, axis=1) / np.diff(knots)[:, np.newaxis, np.newaxis]
+    rows = np.repeat(np.arange(count * (ORDER - order)), ORDER)
+    columns = (
+        np.arange(count)[:, np.newaxis, np.newaxis] + np.zeros((1, ORDER - order, 1), int) + np.arange(ORDER)
+    ).ravel()
+    return sparse.csr_matrix((weights.ravel(), (rows, columns)), shape=(count * (ORDER - order), count + DEGREE))
+
+
+class Derivatives:
+    """Bezier points of a reference and of its derivatives as affine functions of control points and of T^4.
+
+    Attributes:
+        count: control points n; the unknowns are their x, their y, their z, then T^4, s, u, t.
+        size: number of unknowns.
+    """
+
+    def __init__(self, knots: FloatArray) -> None:
+        self.count = len(knots) - 1 + DEGREE
+        self.size = 3 * self.count + UNKNOWNS
+        self._matrices = [bezier_matrix(knots, order) for order in range(5)]
+
+    def axes(self, order: int) -> list[Affine]:
+        """Return x, y and z of the Bezier points of a derivative at T = 1."""
+        matrix = self._matrices[order]
+        zeros = np.zeros(matrix.shape[0])
+        return [(_placed(matrix, axis * self.count, self.size), zeros) for axis in range(3)]
+
+    def power(self, exponent: int, factor: float, rows: int = 1, constant: float = 0.0) -> Affine:
+        """Return factor times a power of T, from 1 to 4, or less, plus a constant, in so many rows."""
+        column = sparse.csr_matrix(np.full((rows, 1), factor))
+        return _placed(column, self.size + (FIRST, SQUARE, CUBE, FOURTH)[exponent - 1], self.size), np.full(
+            rows, constant
+        )
+
+    def couple(self, program: Program) -> None:
+        """Ask that s^2 <= T^4, u^2 <= T^4 s and t^2 <= s."""
+        fourth, square, unit = self.power(4, 1.0), self.power(2, 1.0), self.power(4, 0.0, 1, 1.0)
+        for exponent, a, b in ((2, fourth, unit), (3, fourth, square), (1, square, unit)):
+            program.bound_norms(plus(a, b), plus(a, times(-1.0, b)), self.power(exponent, 2.0))
+
+    def points(self, solution: FloatArray) -> FloatArray:
+        """Return the control points (n, 3) among the unknowns."""
+        return np.asarray(solution[: 3 * self.count].reshape(3, self.count).T)
+
+
+class Retimed(Derivatives):
+    """The same, linear in control points and in the durations of the legs, near given ones; T is 1.
+
+    The unknowns are the control points' x, y, z, then the legs.
+    """
+
+    def __init__(self, points: FloatArray, legs: FloatArray, spans: int) -> None:
+        """Linearise.
+
+        Args:
+            points: (n, 3) m, near which the limits are linearised.
+            legs: (L,) s, likewise.
+            spans: of a leg.
+        """
+        super().__init__(_knots(legs, spans))
+        self.size = 3 * self.count + len(legs)
+        self._legs = legs
+        self._slopes = [np.zeros((matrix.shape[0], 3, len(legs))) for matrix in self._matrices]
+        for leg, duration in enumerate(legs):
+            step = np.zeros(len(legs))
+            step[leg] = _STEP * duration
+            for order, matrix in enumerate(self._matrices):
+                moved = bezier_matrix(_knots(legs + step, spans), order)
+                self._slopes[order][:, :, leg] = (moved - matrix) @ points / step[leg]
+
+    def axes(self, order: int) -> list[Affine]:
+        """Return x, y and z of the Bezier points of a derivative."""
+        found = []
+        for axis, (matrix, constant) in enumerate(super().axes(order)):
+            slopes = self._slopes[order][:, axis]
+            slopes = np.where(np.abs(slopes) > 1e-9, slopes, 0.0)  # a leg matters to few spans
+            moved = _placed(sparse.csr_matrix(slopes), 3 * self.count, self.size)
+            found.append((matrix + moved, constant - slopes @ self._legs))
+        return found
+
+    def power(self, exponent: int, factor: float, rows: int = 1, constant: float = 0.0) -> Affine:
+        """Return factor, plus a constant, in so many rows."""
+        return sparse.csr_matrix((rows, self.size)), np.full(rows, factor + constant)
+
+    def couple(self, program: Program) -> None:
+        """Ask for nothing: T is 1."""
+
+    def legs(self) -> sparse.csr_matrix:
+        """Return the matrix (L, size) that takes the legs from the unknowns."""
+        return _placed(sparse.identity(len(self._legs), format="csr"), 3 * self.count, self.size)
+
+
+def keep_limits(program: Program, reference: Derivatives, limits: InputSet, bounds: Bounds) -> None:
+    """Ask a program for all limits of one reference, up to a reserve for rounding."""
+    reference.couple(program)
+    power = reference.power
+    x, y, z = reference.axes(2)
+    rows = len(x[1])
+    margin = bounds.margin + _RESERVE
+    sine, cosine = math.sin(limits.tilt_max), math.cos(limits.tilt_max)
+    tilt = plus(times(sine, z), power(2, limits.gravity * sine - margin, rows))
+    program.bound_norms(tilt, times(cosine, x), times(cosine, y))
+    lifted = plus(z, power(2, limits.gravity, rows))
+    program.bound_norms(power(2, limits.thrust_max - margin, rows), x, y, lifted)
+    program.be_positive(plus(z, power(2, limits.gravity - limits.thrust_min - margin, rows)))
+    for order, bound in ((1, bounds.speed_max), (3, bounds.jerk_max), (4, bounds.snap_max)):
+        if bound is not None:
+            axes = reference.axes(order)
+            program.bound_norms(power(order, _SHARE * bound, len(axes[0][1])), *axes)
+    for axis, low, high in zip(reference.axes(0), bounds.lower, bounds.upper, strict=True):
+        program.be_positive((axis[0], axis[1] - low))
+        program.be_positive((-axis[0], high - axis[1]))
+
+
+def _knots(legs: FloatArray, spans: int) -> FloatArray:
+    return np.concatenate([[0.0], np.cumsum(np.repeat(legs / spans, spans))])
+
+
+def plus(a: Affine, b: Affine) -> Affine:
+    """Return the sum."""
+    return a[0] + b[0], a[1] + b[1]
+
+
+def times(factor: float, a: Affine) -> Affine:
+    """Return the product with a number."""
+    return factor * a[0], factor * a[1]
+
+
+def _placed(matrix: sparse.csr_matrix, column: int, size: int) -> sparse.csr_matrix:
+    """Return a matrix with its columns from `column` on, of `size` columns."""
+    return sparse.csr_matrix((matrix.data, matrix.indices + column, matrix.indptr), shape=(matrix.shape[0], size))

@@ -1,0 +1,142 @@
+"""One drone's reference through way-points: the shortest one, and the one of least jerk for given times."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.law.input_set import InputSet
+from flatsat_ros.planning.program import FOURTH, UNKNOWNS, Derivatives, Program, Retimed, keep_limits
+from flatsat_ros.planning.shapes import Shapes
+from flatsat_ros.plans.bounds import Bounds
+from flatsat_ros.plans.curve import ORDER
+
+SPANS = 3  # of a leg
+
+_STEPS = 30  # of the search for the times of way-points
+_ENOUGH = 2e-4  # of the duration: less is not worth another step
+_SMALLEST = 1e-3  # of the radius in which the limits are trusted to be linear in the legs
+
+
+def shortest(
+    shapes: Shapes, waypoints: FloatArray, limits: InputSet, bounds: Bounds
+) -> tuple[FloatArray, float] | None:
+    """Return control points (n, 3) and the least duration, s, with the knots in the proportions of the shapes.
+
+    It is the best there is in this spline space (up to the reserve for rounding), for the program is convex. None if
+    the box leaves no way.
+
+    Args:
+        shapes: knots, and where the way-points are passed.
+        waypoints: (W, 3) m.
+        limits: the input set.
+        bounds: of the reference.
+    """
+    scale = _guess(waypoints, bounds)
+    derivatives = Derivatives(shapes.knots * scale)
+    program = Program(derivatives.size)
+    keep_limits(program, derivatives, limits, bounds)
+    _pass(program, shapes, waypoints)
+    linear = np.zeros(derivatives.size)
+    linear[FOURTH] = 1.0
+    solution = program.minimised(linear)
+    if solution is None:
+        return None
+    return derivatives.points(solution), scale * float(solution[FOURTH]) ** 0.25
+
+
+def smoothest(
+    shapes: Shapes, waypoints: FloatArray, duration: float, limits: InputSet, bounds: Bounds
+) -> FloatArray | None:
+    """Return the control points (n, 3) of least jerk for a duration, s; None if the limits leave none."""
+    derivatives = Derivatives(shapes.knots * duration)
+    program = Program(derivatives.size)
+    keep_limits(program, derivatives, limits, bounds)
+    _pass(program, shapes, waypoints)
+    program.vanish(derivatives.power(4, 1.0, 1, -1.0))
+    form = shapes.jerk / np.abs(shapes.jerk).max()
+    quadratic = sparse.triu(sparse.block_diag([form] * 3 + [sparse.csc_matrix((UNKNOWNS, UNKNOWNS))]), format="csc")
+    solution = program.minimised(np.zeros(derivatives.size), quadratic)
+    return None if solution is None else derivatives.points(solution)
+
+
+def shortest_legs(waypoints: FloatArray, limits: InputSet, bounds: Bounds) -> tuple[FloatArray, float] | None:
+    """Return the durations (W - 1,) of the legs for which the whole is shortest, s, and that duration.
+
+    The limits are linearised in the legs' durations as well; what comes out is solved again with its proportions, so
+    that every accepted step is a reference that keeps the limits.
+
+    Args:
+        waypoints: (W, 3) m.
+        limits: the input set.
+        bounds: of the reference.
+    """
+    legs = np.sqrt(np.linalg.norm(np.diff(waypoints, axis=0), axis=1) + 0.1)
+    found = _solved(legs, waypoints, limits, bounds)
+    if found is None or len(legs) == 1:
+        return None if found is None else (legs * (found[1] / legs.sum()), found[1])
+    points, best = found
+    legs *= best / legs.sum()
+    radius = 0.25
+    for _ in range(_STEPS):
+        step = _linear_step(legs, points, waypoints, radius, limits, bounds)
+        tried = None if step is None else _solved(step, waypoints, limits, bounds)
+        if step is None or tried is None or tried[1] >= best:
+            radius /= 3.0
+        else:
+            gain, hoped = best - tried[1], best - float(step.sum())
+            points, legs = tried[0], step * (tried[1] / step.sum())
+            radius = min(0.5, radius * (2.0 if gain > 0.7 * hoped else 0.5 if gain < 0.3 * hoped else 1.0))
+            best = tried[1]
+            if gain < _ENOUGH * best:
+                break
+        if radius < _SMALLEST:
+            break
+    return legs, best
+
+
+def shapes_of(legs: FloatArray, spans: int = SPANS) -> Shapes:
+    """Return shapes with so many equal spans in each leg, whose durations (L,) are rounded to whole microseconds, s."""
+    lengths = np.maximum(1, np.ceil(legs / spans * 1e6 - 1e-3)).astype(np.int64)
+    return Shapes(np.repeat(lengths, spans), spans * np.arange(len(legs) + 1))
+
+
+def _solved(
+    legs: FloatArray, waypoints: FloatArray, limits: InputSet, bounds: Bounds
+) -> tuple[FloatArray, float] | None:
+    return shortest(shapes_of(legs), waypoints, limits, bounds)
+
+
+def _guess(waypoints: FloatArray, bounds: Bounds) -> float:
+    """Return a duration of the right size, s: the unknown that is minimised is about 1 then."""
+    ways = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
+    return float(np.cbrt(60.0 * np.maximum(ways, 1e-3) / bounds.jerk_max).sum())
+
+
+def _pass(program: Program, shapes: Shapes, waypoints: FloatArray) -> None:
+    """Ask that the control points pass the way-points."""
+    pinned, targets = sparse.csr_matrix(shapes.pinned), shapes.targets(waypoints)
+    for axis in range(3):
+        program.vanish((program.placed(pinned, axis * shapes.count), -targets[:, axis]))
+
+
+def _linear_step(
+    legs: FloatArray, points: FloatArray, waypoints: FloatArray, radius: float, limits: InputSet, bounds: Bounds
+) -> FloatArray | None:
+    """Return the legs (L,) whose sum is smallest where limits are linear in control points and legs."""
+    retimed = Retimed(points, legs, SPANS)
+    program = Program(retimed.size)
+    keep_limits(program, retimed, limits, bounds)
+    shapes = shapes_of(legs)
+    ends = sparse.csr_matrix(np.delete(shapes.pinned, np.s_[4 : 4 + len(waypoints) - 2], axis=0))
+    places = np.repeat(waypoints[[0, -1]], 4, axis=0)
+    for axis, (matrix, constant) in enumerate(retimed.axes(0)):
+        program.vanish((program.placed(ends, axis * shapes.count), -places[:, axis]))
+        rows = shapes.passed[1:-1] * ORDER
+        program.vanish((matrix[rows], constant[rows] - waypoints[1:-1, axis]))
+    durations = retimed.legs()
+    program.be_positive((durations, -legs * (1.0 - radius)))
+    program.be_positive((-durations, legs * (1.0 + radius)))
+    solution = program.minimised(np.asarray(durations.sum(axis=0)).ravel())
+    return None if solution is None else np.asarray(durations @ solution)

@@ -1,0 +1,79 @@
+"""The plan command line: from way-points to a file that is proved again, and one clear line for what it refuses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from flatsat_ros.certificate.certificate import load_certificate
+from flatsat_ros.cli.plan import main
+from flatsat_ros.plans import Plan
+
+pytestmark = pytest.mark.in_process
+
+
+@pytest.fixture(scope="module")
+def waypoints(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("plan") / "tour.csv"
+    path.write_text("x,y,z\n0,0,0\n0,0,1\n1,0,1\n")
+    return path
+
+
+@pytest.fixture(scope="module")
+def planned(waypoints: Path) -> Path:
+    target = waypoints.parent / "flight.yaml"
+    assert main([str(waypoints), "--output", str(target)]) == 0
+    return target
+
+
+def test_a_plan_is_written_and_proved_again(planned: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert Plan.load(planned).name == "flight"
+    assert main(["--verify", str(planned), "--certificate", "paper_experiment"]) == 0
+    printed = capsys.readouterr().out
+    for text in (
+        "plan flight in",
+        "holds: proved with integers",
+        "jerk at most 2 m/s^3",
+        "tubes 0.05 m: given, not proved",
+    ):
+        assert text in printed
+
+
+@pytest.fixture(scope="module")
+def other(waypoints: Path) -> Path:
+    """A certificate for another thrust."""
+    certificate = load_certificate("paper_experiment")
+    target = waypoints.parent / "other.yaml"
+    replace(certificate, name="other", limits=replace(certificate.limits, thrust_max=14.0)).save(target)
+    return target
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ([], "error: no way-points: give a file, or --verify with a plan"),
+        (["{file}", "--output", "{plan}"], "it exists: give --force to overwrite it"),
+        (["{file}", "--margin", "3"], "margin = 3.0 m/s^2: must be below 1.7"),
+        (["{file}", "--tube", "-1"], "radius = -1.0 m: must be"),
+        (["{file}", "--floor", "0.5"], "z of way-point 1 of cf1 = 0.0 m: must be from 0.5"),
+        (["{file}", "--seconds", "0"], "seconds = 0.0 s: must be a number above 0"),
+        (["{file}", "--force"], "--force overwrites the output"),
+        (["--verify", "{plan}", "--tube", "0.1"], "--tube: not used with --verify"),
+        (
+            ["--verify", "{plan}", "--certificate", "{other}"],
+            "of certificate 'other' = 14.0: must be 14.2245",
+        ),
+        (["--verify", "{file}"], "tour.csv: "),
+        (["nowhere.csv"], "nowhere.csv: cannot be read"),
+    ],
+)
+def test_what_is_refused_is_one_line(
+    options: list[str], text: str, waypoints: Path, planned: Path, other: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capsys.readouterr()
+    assert main([option.format(file=waypoints, plan=planned, other=other) for option in options]) == 2
+    error = capsys.readouterr().err
+    assert text in error
+    assert error.count("\n") == 1

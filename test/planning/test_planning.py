@@ -1,0 +1,270 @@
+"""Plans are found, proved and as short as they can be; what cannot be planned is refused by name."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.certificate.certificate import load_certificate
+from flatsat_ros.planning import Asked, Mission, Round, Wishes, plan, read_mission, rounds
+from flatsat_ros.planning.descent import descend
+from flatsat_ros.planning.reference import shapes_of, shortest, smoothest
+from flatsat_ros.planning.search import Search, Swarm
+from flatsat_ros.planning.shapes import Shapes
+from flatsat_ros.plans import Bounds, Curve, Plan, Tube
+
+CERTIFICATE = load_certificate("paper_experiment")
+LIMITS = CERTIFICATE.limits
+BOUNDS = Bounds(0.85, 2.0, 20.0, np.array([-3.0, -3.0, 0.0]), np.array([3.0, 3.0, 2.0]))
+WAY = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.2, 0.5, 1.0], [1.0, -0.7, 0.6]])
+
+
+def mission(*ways: Sequence[Sequence[float]], **others: Any) -> Mission:
+    drones = tuple(Asked(f"cf{i + 1}", np.array(way, dtype=float)) for i, way in enumerate(ways))
+    asked: dict[str, Any] = {
+        "name": "test", "certificate": CERTIFICATE.name, "limits": LIMITS, "bounds": BOUNDS, "tube": Tube(0.05)
+    }  # fmt: skip
+    return Mission(drones=drones, **asked | others)
+
+
+def antipodal(count: int, radius: float = 1.5) -> list[list[list[float]]]:
+    angles = 2 * np.pi * np.arange(count) / count
+    places = np.stack([radius * np.cos(angles), radius * np.sin(angles), np.ones(count)], axis=1)
+    return [[place.tolist(), (place * [-1, -1, 1]).tolist()] for place in places]
+
+
+def test_a_straight_way_takes_what_jerk_alone_allows() -> None:
+    # rest to rest with jerk J only: at best T = (32 L / J)^(1/3); a spline with few spans comes near
+    shapes = Shapes(np.ones(24, dtype=np.int64), np.array([0, 24]))
+    way = np.array([[0.0, 0.0, 1.0], [0.3, 0.0, 1.0]])
+    bounds = replace(BOUNDS, margin=0.01, snap_max=1e4)
+    found = shortest(shapes, way, LIMITS, bounds)
+    assert found is not None
+    least = math.cbrt(32 * 0.3 / bounds.jerk_max)
+    assert least < found[1] < 1.15 * least
+
+
+def test_the_shortest_duration_is_that_below_which_no_reference_is_found() -> None:
+    shapes = shapes_of(np.array([2.0, 2.5, 2.0]))
+    found = shortest(shapes, WAY, LIMITS, BOUNDS)
+    assert found is not None
+    _, duration = found
+    assert smoothest(shapes, WAY, 1.001 * duration, LIMITS, BOUNDS) is not None
+    assert smoothest(shapes, WAY, 0.995 * duration, LIMITS, BOUNDS) is None
+
+
+@pytest.fixture(scope="module")
+def alone() -> Plan:
+    return plan(mission(WAY.tolist()))
+
+
+def test_one_drone_passes_all_waypoints_in_a_proved_plan(alone: Plan) -> None:
+    assert min(alone.verify().values()) >= 0.0
+    (drone,) = alone.drones
+    assert [waypoint[1:] for waypoint in drone.waypoints] == [tuple(np.rint(1e9 * p).astype(int)) for p in WAY]
+    trajectory = alone.trajectory("cf1")
+    for waypoint, place in zip(drone.waypoints, WAY, strict=True):
+        assert trajectory.sample(waypoint.time / 1e6)[:3] == pytest.approx(place, abs=1e-6)
+    for t in (0.0, alone.duration):
+        assert np.abs(trajectory.sample(t)[3:]).max() < 1e-9
+    assert trajectory.require_margin(LIMITS) >= 0.999 * BOUNDS.margin
+
+
+def test_legs_are_timed_better_than_in_proportions_near_by(alone: Plan) -> None:
+    knots = np.array(alone.drones[0].curve.knots) / 1e6
+    legs = np.diff(knots[::3])
+    for factors in np.random.default_rng(0).uniform(0.85, 1.15, size=(6, 3)):
+        other = shortest(shapes_of(legs * factors), WAY, LIMITS, BOUNDS)
+        assert other is not None
+        assert other[1] > 0.999 * alone.duration
+
+
+def test_given_times_are_kept_or_refused_with_what_would_do(alone: Plan) -> None:
+    found = plan(mission(WAY.tolist(), times=np.array([0.0, 4.0, 9.0, 13.0])))
+    assert [waypoint.time for waypoint in found.drones[0].waypoints] == pytest.approx([0, 4e6, 9e6, 13e6], abs=20)
+    assert found.trajectory("cf1").sample(9.0)[:3] == pytest.approx(WAY[2], abs=1e-4)
+    with pytest.raises(
+        FlatsatError, match=r"times of way-points of cf1: must be at least (\d\.\d+) times as long"
+    ) as refused:
+        plan(mission(WAY.tolist(), times=np.array([0.0, 1.0, 2.2, 3.2])))
+    assert "breaks cf1: acceleration, tilt_max by" in str(refused.value)
+    factor = float(str(refused.value).partition("at least ")[2].partition(" ")[0])
+    assert plan(mission(WAY.tolist(), times=factor * np.array([0.0, 1.0, 2.2, 3.2]))).duration < alone.duration * 1.6
+
+
+@pytest.fixture(scope="module")
+def circle() -> tuple[Plan, list[Round]]:
+    """Four drones that all cross the same point, symmetrically."""
+    told: list[Round] = []
+    return plan(mission(*antipodal(4)), 2.0, told.append), told
+
+
+def test_a_symmetric_exchange_is_resolved_and_proved(circle: tuple[Plan, list[Round]]) -> None:
+    found, _ = circle
+    slacks = found.verify()
+    assert min(slacks.values()) >= 0.0
+    times = np.linspace(0.0, found.duration, 150)
+    flown = np.array([[found.trajectory(drone.name).sample(t)[:3] for t in times] for drone in found.drones])
+    for pair in found.pairs:
+        i, j = (int(name[2:]) - 1 for name in (pair.first, pair.second))
+        apart = np.linalg.norm((flown[i] - flown[j]) / [1.0, 1.0, 2.0], axis=1)
+        assert apart.min() >= pair.distance / 1e4 >= 0.4
+
+
+def test_rounds_are_shorter_and_shorter_and_never_below_the_bound(circle: tuple[Plan, list[Round]]) -> None:
+    found, told = circle
+    durations = [proved.duration for proved in told]
+    assert durations == sorted(durations, reverse=True)
+    assert found.duration == durations[-1]
+    assert told[0].bound <= found.duration < 1.1 * told[0].bound
+    for proved in told:
+        assert all(claim.slack >= 0 for curve in proved.curves for claim in BOUNDS.claims(curve, LIMITS))
+
+
+def test_the_same_mission_gives_the_same_rounds() -> None:
+    first, again = (next(rounds(mission(*antipodal(3)), lambda: True)) for _ in range(2))
+    assert first.curves == again.curves
+
+
+def test_an_interrupted_search_keeps_the_best_that_is_proved() -> None:
+    def interrupt(_: Round) -> None:
+        raise KeyboardInterrupt
+
+    found = plan(mission(*antipodal(3)), 60.0, interrupt)
+    assert min(found.verify().values()) >= 0.0
+
+
+def test_many_drones_meet_at_waypoints_on_common_times() -> None:
+    ways = [[[0.0, y, 1.0], [1.5, -y, 1.0], [0.0, y, 1.0]] for y in (-0.5, 0.5)]
+    found = plan(mission(*ways), 1e-3)
+    assert {tuple(w.time for w in drone.waypoints) for drone in found.drones} == {
+        tuple(waypoint.time for waypoint in found.drones[0].waypoints)
+    }
+    timed = plan(mission(*ways, times=np.array([0.0, 5.0, 10.0])))
+    assert timed.duration == pytest.approx(10.0, abs=1e-3)
+
+
+@given(st.integers(0, 2**31))
+@settings(max_examples=8)
+def test_the_penalty_has_the_gradient_it_says(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    ways = rng.uniform(-0.6, 0.6, size=(3, 2, 3)) + [0.0, 0.0, 1.0]
+    shapes = Shapes(np.ones(8, dtype=np.int64), np.array([0, 8]))
+    bounds = replace(BOUNDS, speed_max=0.5, upper=np.array([0.7, 0.7, 1.5]))
+    search = Search(Swarm(shapes, ways, 0.5 * (1 - np.eye(3)), 2.0, LIMITS, bounds))
+    modes = search.begin(0.3, seed)
+    direction = rng.normal(size=modes.shape)
+    _, gradient = search._cost(modes, 2.0, 3.0)
+    step = 1e-6
+    above, below = (search._cost(modes + sign * step * direction, 2.0, 3.0)[0] for sign in (1, -1))
+    slope = float(gradient @ direction.ravel())
+    assert (above - below) / (2 * step) == pytest.approx(slope, rel=1e-4, abs=1e-4 * np.linalg.norm(gradient))
+
+
+def test_descent_finds_the_minimum_of_rosenbrocks_function() -> None:
+    def function(x: FloatArray) -> tuple[float, FloatArray]:
+        a, b = x[1:] - x[:-1] ** 2, 1.0 - x[:-1]
+        gradient = np.zeros_like(x)
+        gradient[1:] += 200.0 * a
+        gradient[:-1] += -400.0 * a * x[:-1] - 2.0 * b
+        return float(100.0 * a @ a + b @ b), gradient
+
+    assert descend(function, np.full(6, -0.5), 500, 0.0) == pytest.approx(np.ones(6), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("asked", "text"),
+    [
+        ([[[0, 0, 1], [1, 0, 1]], [[0.3, 0, 1], [1, 1, 1]]], r"distance of cf1 and cf2 at way-point 1 = 0.3 m: must"),
+        ([[[0, 0, 1], [1, 0, 1]], [[0, 2, 1], [1, 0, 1.7]]], r"cf1 and cf2 at way-point 2 = 0.35 m: must be at least"),
+        ([[[0, 0, 1], [1, 0, 2.5]]], r"z of way-point 2 of cf1 = 2.5 m: must be from 0 to 2 m, in the box"),
+        ([[[0, 0, 1], [1, 0, 1], [1, 0, 1]]], r"way-point 3 of cf1 from the one before = 0.0 m: must be at least"),
+        ([[[0, 0, 1], [1, 0, 1]], [[2, 2, 1]] * 3], r"number of way-points of cf2 = 3: must be 2 as of cf1"),
+        ([[[0, 0, 1]]], r"shape of the way-points of cf1 = \(1, 3\): must be"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_planned_is_refused_by_name(asked: list[Any], text: str) -> None:
+    with pytest.raises(FlatsatError, match=text):
+        mission(*asked)
+
+
+def test_a_margin_beyond_the_input_set_is_refused() -> None:
+    with pytest.raises(FlatsatError, match=r"margin = 2.0 m/s\^2: must be below 1.70"):
+        mission(WAY.tolist(), bounds=replace(BOUNDS, margin=2.0))
+
+
+def written(folder: Path, name: str, text: str) -> Path:
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+JSON = {
+    "quadrotors": {"crazyflie": {"radius": 0.1, "downwash": 3.0, "max_vel": [1, 1, 1]}},
+    "world": [{"dimension": [-2, -2, 0.2, 2, 2, 2.5]}],
+    "agents": [
+        {"type": "crazyflie", "cid": 7, "start": [0, 0, 1], "goal": [1, 0, 1]},
+        {"type": "crazyflie", "start": [1, 1, 1], "goal": [0, 1, 1]},
+    ],
+    "obstacles": [],
+}
+
+
+def test_files_say_what_is_asked(tmp_path: Path) -> None:
+    table = "x,y,z,yaw,t\n0,0,-0.2,1.5,3\n0,0,1,1.5,7\n"
+    one = read_mission(written(tmp_path, "a.csv", table), CERTIFICATE, Wishes(), "a")
+    assert one.bounds.lower.tolist() == [-0.5, -0.5, -0.2]  # the floor is at the first row's height
+    assert one.drones[0].yaw == 1.5
+    assert one.times is not None
+    assert one.times.tolist() == [0.0, 4.0]
+    assert one.bounds.margin == LIMITS.inner_radius / 2
+    many = "drones: {a: [[0, 0, 1], [1, 0, 1]], b: [[0, 1, 1], [1, 1, 1]]}\nbody: 0.1\ntimes: [0, 5]\n"
+    two = read_mission(written(tmp_path, "b.yaml", many), CERTIFICATE, Wishes(floor=0.1, tube=0.07), "b")
+    assert [drone.name for drone in two.drones] == ["a", "b"]
+    assert two.distances.tolist() == [[0.0, pytest.approx(0.34)], [pytest.approx(0.34), 0.0]]
+    assert two.bounds.lower[2] == 0.1
+    three = read_mission(written(tmp_path, "c.json", json.dumps(JSON)), CERTIFICATE, Wishes(), "c")
+    assert [drone.name for drone in three.drones] == ["cf7", "cf2"]
+    assert (three.downwash, three.bounds.upper.tolist()) == (3.0, [2.0, 2.0, 2.5])
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "reason"),
+    [
+        ("a.csv", "0,0,1\n1,1,1\n", "first line = '0,0,1': must be the names of the columns"),
+        ("a.csv", "x,y,z\n0,0,1\n1,one,1\n", "way-point 2 = '1,one,1': must be numbers"),
+        ("a.csv", "x,y,z\n0,0,1\n1,1\n", "way-point 2 = '1,1': must be 3 numbers"),
+        ("a.csv", "x,y,z\n0,0,1\n1,1,nan\n", "way-point 2 = '1,1,nan': must be finite numbers"),
+        ("a.csv", "x,y,z,yaw\n0,0,1,0\n1,1,1,1\n", r"yaw = \[0.0, 1.0\] rad: must be the same in all lines"),
+        ("a.csv", "x,y,z\n0,0,1\n0,0,0.9\n", "z of way-point 2 of cf1 = 0.9 m: must be from 1 to 1.5 m"),
+        ("a.csv", "x,y,z,t\n0,0,1,2\n0,0,1.2,2\n", "times of way-points = .* s: must be increasing from 0"),
+        ("a.yaml", "drones: [1]", "drones = .*: must be a mapping from names"),
+        ("a.yaml", "drones: {a: [[0, 0, 1], [1, 0, 1]]}\nspeed: 1.0", "unknown key 'speed'"),
+        ("a.json", "{", "cannot be read"),
+        ("a.json", json.dumps(JSON | {"obstacles": [{"type": "box"}]}), "obstacles = .*: must be none"),
+        ("a.json", json.dumps(JSON | {"agents": [{"type": "crazyflie", "start": [0, 0, 1]}]}), "goal is missing"),
+        ("a.txt", "", "must be one whose name ends in .csv, .yaml, .json"),
+    ],
+)
+def test_a_wrong_file_is_refused_in_one_line(tmp_path: Path, name: str, text: str, reason: str) -> None:
+    path = written(tmp_path, name, text)
+    with pytest.raises(FlatsatError, match=reason) as refused:
+        read_mission(path, CERTIFICATE, Wishes(), "a")
+    assert str(path) in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_curves_of_a_plan_have_the_spans_of_their_legs(alone: Plan) -> None:
+    curve: Curve = alone.drones[0].curve
+    assert len(curve.knots) == 3 * 3 + 1
