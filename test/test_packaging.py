@@ -29,11 +29,11 @@ EXECUTABLES = [
     "falsify",
     "faults",
     "mocap_player",
+    "plan",
     "report",
     "reproduce",
     "sim_drone",
     "soak",
-    "plan",
     "synthesize",
 ]
 
