@@ -222,7 +222,8 @@ class FlightLoop:
         """Index of D/g - d^ in z."""
         return self.plant.size + self.design.model.size
 
-    def _commands(self) -> FloatArray:
+    @cached_property
+    def commands(self) -> FloatArray:
         """Rows (1 + M, n + 1) that give c_0, ..., c_M from (z, c_0)."""
         n, rows = self.size, np.zeros((1 + self.depth, self.size + 1))
         rows[0, n] = 1.0
@@ -236,7 +237,7 @@ class FlightLoop:
         start = self.plant.size
         state = np.zeros((model.size, n + 1))
         state[:, start : start + model.size] = np.eye(model.size)
-        commands = self._commands()
+        commands = self.commands
         h = self.design.period
         # at time s after the tick the command of i = ceil((d - s)/h) periods ago acts
         delay, elapsed, E = model.delay, 0.0, np.zeros(n + 1)
@@ -267,7 +268,7 @@ class FlightLoop:
         """S (n, n + 1) of z before the correction, S (z, c_0), and the correction (n,) by a unit innovation."""
         h, n, error = self.design.period, self.size, self._error
         plant, model = self.plant, self.design.model
-        step, commands = np.zeros((n, n + 1)), self._commands()
+        step, commands = np.zeros((n, n + 1)), self.commands
         step[: plant.size] = _drive(plant, h, plant.gain, 0, commands, n)
         push = model.hold(h)[2]
         step[plant.size : error] = _drive(model, h, 1.0, plant.size, commands, n)
@@ -279,20 +280,20 @@ class FlightLoop:
         correction[error] = -self.design.observer[2]
         return step, correction
 
-    def _corrected(self, predicted: FloatArray) -> FloatArray:
-        """Return z after the correction, from z before it and without noise; each column by itself."""
+    def corrected(self, predicted: FloatArray) -> FloatArray:
+        """Return z after the correction at the tick, from z before it and without noise; (n,), or columns (n, m)."""
         innovation = predicted[0] - predicted[self.plant.size]
         return np.asarray(predicted + np.multiply.outer(self._step[1], innovation))
 
     def matrix(self, gain: float) -> FloatArray:
         """Return A(k) (n, n) of the loop at the applied gain k."""
         step, n = self._step[0], self.size
-        return self._corrected(step[:, :n] + np.outer(step[:, n], self.compensation + gain * self.feedback))
+        return self.corrected(step[:, :n] + np.outer(step[:, n], self.compensation + gain * self.feedback))
 
     @cached_property
     def command_input(self) -> FloatArray:
         """Column (n,) by which an error of the command c_0 enters z+: A(k) - A(0) = k times its product with v0."""
-        return self._corrected(self._step[0][:, self.size])
+        return self.corrected(self._step[0][:, self.size])
 
     @property
     def noise_input(self) -> FloatArray:
@@ -301,26 +302,37 @@ class FlightLoop:
 
     def drive_input(self, time: float) -> FloatArray:
         """Column (n,) of an impulse of drive error, m/s^2 s, `time` seconds before the end of the period."""
-        return self._corrected(self._padded(self.plant.hold(time)[0] @ self.plant.system[1], 0))
+        return self.corrected(self._padded(self.plant.hold(time)[0] @ self.plant.system[1], 0))
 
     def model_drive_input(self, time: float) -> FloatArray:
         """Column (n,) of an impulse at the input of the nominal plant, m/s^2 s, `time` before the end of the period."""
         model = self.design.model
-        return self._corrected(self._padded(model.hold(time)[0] @ model.system[1], self.plant.size))
+        return self.corrected(self._padded(model.hold(time)[0] @ model.system[1], self.plant.size))
 
     def rate_input(self, time: float) -> FloatArray:
         """Column (n,) of an impulse of D', m/s^2, `time` seconds before the end of the period.
 
         D moves by one; the rest of the period feels it as it is, and z refers to the new D from the tick on.
         """
-        plant, error = self.plant, self._error
-        column = self._padded(plant.hold(time)[2], 0)
-        share = 1.0 / plant.gain
-        for body, begin, amount in ((plant, 0, 1.0), (self.design.model, plant.size, share)):
-            if body.size > 2:
-                column[begin + 2] += amount
-        column[error:] += share
-        return self._corrected(column)
+        column = self._padded(self.plant.hold(time)[2], 0)
+        if self.plant.size > 2:
+            column[2] += 1.0
+        return self.corrected(column) + self.share_input / self.plant.gain
+
+    @property
+    def share_input(self) -> FloatArray:
+        """Column (n,) of a step of D/g alone, m/s^2: on all that refers to the command against it."""
+        column = np.zeros(self.size)
+        if self.design.model.size > 2:
+            column[self.plant.size + 2] = 1.0
+        column[self._error :] = 1.0
+        return self.corrected(column)
+
+    @property
+    def model_unit_inputs(self) -> FloatArray:
+        """Columns (n, y) of units of the nominal plant's state before the tick."""
+        size = self.design.model.size
+        return self.corrected(np.eye(self.size)[:, self.plant.size : self.plant.size + size])
 
     def _padded(self, part: FloatArray, begin: int) -> FloatArray:
         column = np.zeros(self.size)

@@ -1,0 +1,197 @@
+"""The tube: proved bounds against adversaries that know the loop, and against the exact bound where there is one."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import linprog
+
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.certificate.flight_cell import Box, Cell, figures
+from flatsat_ros.certificate.flight_loop import Design, FlightLoop, Plant
+from flatsat_ros.certificate.flight_tube import Assumptions, Tube, cell_tube
+
+PERIOD = 0.02
+STILL = Assumptions(disturbance_rate=0.35, noise=5e-4, acceleration=1.0, jerk=0.58, snap=0.66)
+FIRST = Design.predicting(PERIOD, Plant(0.03, 0.14), (0.357, 3.93, 14.2), 42.8, 23.6)
+SECOND = Design.predicting(
+    PERIOD, Plant(0.04, frequency=16.0, damping=0.55, tilt=0.26, drag=0.4), (0.3, 2.6, 7.0), 20.0, 10.0
+)
+DESIGNS = {"first": FIRST, "second": SECOND}
+BOXES = {
+    "first": Box(Plant(0.029, 0.136, gain=0.98), Plant(0.031, 0.14, gain=1.0)),
+    "second": Box(
+        Plant(0.0405, frequency=15.8, damping=0.545, gain=0.99, tilt=0.255, drag=0.4),
+        Plant(0.0415, frequency=16.0, damping=0.55, gain=1.0, tilt=0.26, drag=0.4),
+    ),
+}
+
+
+def some_plant(box: Box, random: np.random.Generator, corner: bool) -> Plant:
+    figures = {}
+    for name in ("delay", "lag", "frequency", "damping", "gain", "tilt", "drag"):
+        low, high = getattr(box.low, name), getattr(box.high, name)
+        share = float(random.integers(2)) if corner else float(random.uniform())
+        figures[name] = low + share * (high - low)
+    return Plant(**figures)
+
+
+def attacked(design: Design, plant: Plant, assumptions: Assumptions, gains: np.ndarray) -> np.ndarray:
+    """Return the largest |e| and |v0| that inputs of the worst signs reach at the end of a sequence of gains.
+
+    Rate and drive are constant on quarters of a period; these are some of the functions of time that they may be.
+    """
+    loop, model = FlightLoop(design, plant), design.model
+    times = PERIOD * (np.arange(4) + 0.5) / 4.0
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    quarter, inputs = PERIOD / 8.0, [assumptions.noise * loop.noise_input]
+    for column, bound in (
+        (loop.rate_input, assumptions.rate(model, plant, plant)),
+        (loop.drive_input, plant.gain * assumptions.drive(model, PERIOD, plant, plant)),
+        (loop.model_drive_input, assumptions.drive(model, PERIOD, model, model)),
+    ):
+        for t in times:
+            held = sum(w * quarter * column(t + quarter * x) for x, w in zip(nodes, weights, strict=True))
+            inputs.append(bound * np.asarray(held))
+    columns = np.array(inputs).T
+    rows, reached = np.array([np.eye(loop.size)[0], loop.feedback]), np.zeros(2)
+    steps = {gain: loop.matrix(gain) for gain in set(gains.tolist())}
+    for gain in gains[::-1].tolist():
+        reached += np.abs(rows @ columns).sum(axis=1)
+        rows = rows @ steps[gain]
+    return reached
+
+
+@pytest.mark.parametrize("order", DESIGNS)
+@pytest.mark.parametrize("gain_max", [1.0, 1.5])
+def test_no_attack_leaves_the_tube(order: str, gain_max: float) -> None:
+    design, box, random = DESIGNS[order], BOXES[order], np.random.default_rng(1)
+    tube, reached = cell_tube(design, box, 1.0, gain_max, STILL), np.zeros(2)
+    for number in range(24):
+        plant = some_plant(box, random, corner=number < 20)
+        held = np.full(500, [1.0, gain_max][number % 2])
+        gains = random.choice([1.0, gain_max], 500) if number % 4 == 3 else held
+        reached = np.maximum(reached, attacked(design, plant, STILL, gains))
+    bounds = np.array([tube.position, tube.nominal])
+    assert (reached <= bounds).all()
+    assert (reached >= (0.9 if gain_max == 1.0 else 0.7) * bounds).all()
+
+
+@pytest.mark.parametrize("order", DESIGNS)
+def test_for_one_plant_and_one_gain_the_tube_is_what_an_attack_reaches(order: str) -> None:
+    design, plant = DESIGNS[order], some_plant(BOXES[order], np.random.default_rng(2), corner=False)
+    tube = cell_tube(design, Box(plant, plant), 1.2, 1.2, STILL)
+    position, nominal = attacked(design, plant, STILL, np.full(1500, 1.2))
+    assert position <= tube.position <= 1.02 * position  # what is between the ticks is more, too
+    assert nominal <= tube.nominal <= 1.01 * nominal
+
+
+@given(seed=st.integers(0, 2**32 - 1), order=st.sampled_from(sorted(DESIGNS)))
+@settings(max_examples=10)
+def test_every_plant_of_a_box_is_between_the_vertices_of_its_cell(seed: int, order: str) -> None:
+    box, random = BOXES[order], np.random.default_rng(seed)
+    cell, plant = Cell(DESIGNS[order], box), some_plant(box, random, corner=False)
+    p = np.array(figures(plant)) - np.array(figures(cell.loop.plant))
+    p[1] -= cell.loop.plant.gain * p[0]
+    if len(p) == 4:
+        p[3] -= cell.loop.plant.tilt * p[0]
+    point = np.append(p, plant.delay - cell.loop.plant.delay)
+    scale, count = np.ptp(cell.vertices, axis=0), len(cell.vertices)
+    equations = np.vstack([(cell.vertices / scale).T, np.ones(count)])
+    shares = linprog(np.zeros(count), A_eq=equations, b_eq=np.append(point / scale, 1.0), bounds=(0.0, 1.0))
+    assert shares.status == 0
+    assert figures(plant)[1] <= cell.port_gain * (1.0 + 1e-12)
+    # the plant is the one in the middle with p'F added to its last row
+    x, c = random.standard_normal(plant.size), random.standard_normal()
+    signals = cell.on_state @ x + np.array([cell.loop.plant.gain, 1.0, 0.0, 0.0][: len(p)]) * c
+    own, other = (body.system[0] @ x + body.gain * body.system[1] * c for body in (plant, cell.loop.plant))
+    np.testing.assert_allclose(own, other + np.eye(plant.size)[-1] * (p @ signals), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("order", DESIGNS)
+def test_the_derivatives_of_a_cell_are_those_of_the_step(order: str) -> None:
+    cell = Cell(DESIGNS[order], BOXES[order])
+    middle = cell.loop.plant
+    count = len(cell.derivatives) - 1
+
+    def moved(p: np.ndarray) -> np.ndarray:
+        """The step on (z, c_0) of a plant at a distance from the middle."""
+        q = np.array(figures(middle)) + p[:count]
+        q[1] += middle.gain * p[0]
+        plant = Plant(middle.delay + p[-1], 1.0 / q[0], gain=q[1] / q[0])
+        if count == 4:
+            q[3] += middle.tilt * p[0]
+            wn = math.sqrt(q[0])
+            plant = Plant(middle.delay + p[-1], 0.0, wn, q[2] / (2.0 * wn), q[1] / q[0], q[3] / q[0], middle.drag)
+        loop = FlightLoop(DESIGNS[order], plant)
+        return np.column_stack([loop.matrix(0.0) - np.outer(loop.command_input, loop.compensation), loop.command_input])
+
+    for i, derivative in enumerate(cell.derivatives):
+        p = np.eye(count + 1)[i] * (1e-5 if i < count else 1e-7)
+        difference = (moved(p) - moved(-p)) / (2.0 * p[i])
+        np.testing.assert_allclose(derivative, difference, rtol=1e-5, atol=1e-7)
+
+
+def within(box: Box, plant: Plant) -> bool:
+    return all(low <= getattr(plant, name) <= high for name, (low, high) in box.spread.items())
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=20)
+def test_every_plant_of_a_box_is_in_one_of_its_halves(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    box = Box(Plant(0.015, 0.1, gain=0.9), Plant(0.045, 0.2, gain=1.1))
+    plant = some_plant(box, random, corner=False)
+    for name in random.choice(sorted(box.spread), 6):
+        inside = [half for half in box.halves(str(name), PERIOD) if within(half, plant)]
+        assert inside
+        box = inside[0]
+    while not box.within_periods(PERIOD):
+        box = box.halves("delay", PERIOD)[1]
+
+
+def test_larger_boxes_gain_intervals_and_inputs_have_larger_tubes() -> None:
+    box = BOXES["first"]
+    half = box.halves("lag", PERIOD)[0]
+    small = cell_tube(FIRST, half, 1.0, 1.2, STILL)
+    for larger in (
+        cell_tube(FIRST, box, 1.0, 1.2, STILL),
+        cell_tube(FIRST, half, 1.0, 1.5, STILL),
+        cell_tube(FIRST, half, 1.0, 1.2, Assumptions(0.5, 1e-3, 1.0, 0.58, 0.66)),
+    ):
+        assert small | larger == larger
+
+
+def test_what_has_no_bound_is_infinite() -> None:
+    plant, none = Plant(0.03, 0.14), Tube(math.inf, math.inf, math.inf, math.inf)
+    unstable = Design.predicting(PERIOD, plant, (0.357, 3.93, 14.2), 42.8, 120.0)  # beyond 2 / (K2 h)
+    assert cell_tube(unstable, Box(plant, plant), 1.0, 1.0, STILL) == none
+    wide = Box(Plant(0.021, 0.05, gain=0.5), Plant(0.039, 0.3, gain=1.5))
+    assert cell_tube(FIRST, wide, 1.0, 1.5, STILL) == none
+
+
+@pytest.mark.parametrize(
+    ("build", "text"),
+    [
+        (lambda: Box(Plant(0.03, 0.2), Plant(0.03, 0.1)), "low lag = 0.2: must be at most the high one, 0.1"),
+        (lambda: Box(Plant(0.03), Plant(0.03)), "size of a plant's state = 2: must be 3 or 4"),
+        (
+            lambda: Box(Plant(0.03, 0.1, drag=0.1), Plant(0.03, 0.1, drag=0.2)),
+            "low drag = 0.1 1/s: must be 0.2, the high one",
+        ),
+        (
+            lambda: cell_tube(FIRST, Box(Plant(0.03, 0.1), Plant(0.05, 0.1)), 1.0, 1.5, STILL),
+            "must have no whole period inside",
+        ),
+        (lambda: cell_tube(FIRST, BOXES["first"], 1.5, 1.0, STILL), "gain_min = 1.5: must be above 0 and at most"),
+        (lambda: Assumptions(0.35, -1e-3, 1.0, 0.58, 0.66), "noise = -0.001 m: must be a number from 0"),
+    ],
+)
+def test_impossible_boxes_are_refused(build: object, text: str) -> None:
+    with pytest.raises(FlatsatError) as refused:
+        build()  # type: ignore[operator]
+    assert text in str(refused.value)
