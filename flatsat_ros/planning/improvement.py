@@ -17,14 +17,13 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.planning.mission import Mission
 from flatsat_ros.planning.planner import Round
-from flatsat_ros.planning.reference import shapes_of, shortest, shortest_legs, smoothest
+from flatsat_ros.planning.reference import shapes_of, shortest, shortest_legs, smoothest, spans_of
 from flatsat_ros.planning.search import Search, Swarm
 from flatsat_ros.planning.shapes import Shapes
 from flatsat_ros.plans import Curve, closest
 from flatsat_ros.plans.curve import UNIT
 
-_SPANS = 24  # of a reference in a swarm; each leg has at least _LEG
-_LEG = 8
+_LEG = 8  # spans of a leg in a swarm, at least: it needs room for detours
 _UNITS = 64  # legs' durations in proportion: the longest has so many units in each span
 _SLOWEST = 3  # drones with the longest ways, whose own shortest references bound the duration
 
@@ -62,7 +61,7 @@ def _alone(mission: Mission) -> Round:
         raise _no_way(drone.name, mission)
     legs, bound = found
     for factor in _RELAXED:
-        shapes = shapes_of(factor * legs, max(3, _SPANS // len(legs)) if len(legs) == 1 else 3)
+        shapes = shapes_of(factor * legs)
         points = smoothest(shapes, drone.waypoints, float(shapes.lengths.sum()) / 1e6, mission.limits, mission.bounds)
         if points is not None:
             curves = (_curve(shapes, points, 1),)
@@ -75,7 +74,7 @@ def _timed(mission: Mission) -> Round:
     """Return references that pass the way-points at the given times."""
     assert mission.times is not None
     legs = np.diff(mission.times)
-    shapes = shapes_of(legs, max(_LEG, _SPANS // len(legs)) if len(mission.drones) > 1 else 3)
+    shapes = shapes_of(legs, _LEG) if len(mission.drones) > 1 else shapes_of(legs)
     duration = float(shapes.lengths.sum()) / 1e6
     for drone in mission.drones:
         alone = shortest(shapes, drone.waypoints, mission.limits, mission.bounds)
@@ -111,7 +110,7 @@ def _together(mission: Mission, late: Callable[[], bool]) -> Iterator[Round]:
     proportions = np.sqrt(ways.max(axis=0) + 0.1)
     count = len(proportions)
     units = np.maximum(1, np.rint(_UNITS * proportions / proportions.max())).astype(np.int64)
-    spans = max(_LEG, _SPANS // count)
+    spans = spans_of(count, _LEG)
     shapes = Shapes(np.repeat(units if count > 1 else units // units, spans), spans * np.arange(count + 1))
     bound = _bound(mission, shapes, ways)
     search = Search(_swarm(mission, shapes))

@@ -12,7 +12,7 @@ from flatsat_ros.planning.shapes import Shapes
 from flatsat_ros.plans.bounds import Bounds
 from flatsat_ros.plans.curve import ORDER
 
-SPANS = 3  # of a leg
+_SPANS, _LEG = 24, 3  # of a reference; of each leg at least
 
 _STEPS = 30  # of the search for the times of way-points
 _ENOUGH = 2e-4  # of the duration: less is not worth another step
@@ -96,10 +96,21 @@ def shortest_legs(waypoints: FloatArray, limits: InputSet, bounds: Bounds) -> tu
     return legs, best
 
 
-def shapes_of(legs: FloatArray, spans: int = SPANS) -> Shapes:
-    """Return shapes with so many equal spans in each leg, whose durations (L,) are rounded to whole microseconds, s."""
+def shapes_of(legs: FloatArray, least: int = _LEG) -> Shapes:
+    """Return shapes with equally many equal spans in each leg.
+
+    Args:
+        legs: (L,) durations, s; the spans are rounded up to whole microseconds.
+        least: spans of a leg.
+    """
+    spans = spans_of(len(legs), least)
     lengths = np.maximum(1, np.ceil(legs / spans * 1e6 - 1e-3)).astype(np.int64)
     return Shapes(np.repeat(lengths, spans), spans * np.arange(len(legs) + 1))
+
+
+def spans_of(legs: int, least: int = _LEG) -> int:
+    """Return how many spans each of so many legs has: a short reference gets more of them."""
+    return max(least, _SPANS // legs)
 
 
 def _solved(
@@ -125,7 +136,7 @@ def _linear_step(
     legs: FloatArray, points: FloatArray, waypoints: FloatArray, radius: float, limits: InputSet, bounds: Bounds
 ) -> FloatArray | None:
     """Return the legs (L,) whose sum is smallest where limits are linear in control points and legs."""
-    retimed = Retimed(points, legs, SPANS)
+    retimed = Retimed(points, legs, spans_of(len(legs)))
     program = Program(retimed.size)
     keep_limits(program, retimed, limits, bounds)
     shapes = shapes_of(legs)

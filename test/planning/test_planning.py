@@ -83,7 +83,7 @@ def test_one_drone_passes_all_waypoints_in_a_proved_plan(alone: Plan) -> None:
 
 def test_legs_are_timed_better_than_in_proportions_near_by(alone: Plan) -> None:
     knots = np.array(alone.drones[0].curve.knots) / 1e6
-    legs = np.diff(knots[::3])
+    legs = np.diff(knots[::8])
     for factors in np.random.default_rng(0).uniform(0.85, 1.15, size=(6, 3)):
         other = shortest(shapes_of(legs * factors), WAY, LIMITS, BOUNDS)
         assert other is not None
@@ -107,7 +107,13 @@ def test_given_times_are_kept_or_refused_with_what_would_do(alone: Plan) -> None
 def circle() -> tuple[Plan, list[Round]]:
     """Four drones that all cross the same point, symmetrically."""
     told: list[Round] = []
-    return plan(mission(*antipodal(4)), 2.0, told.append), told
+
+    def tell(proved: Round) -> None:
+        told.append(proved)
+        if proved.duration < 1.1 * proved.bound:
+            raise KeyboardInterrupt  # ends the search as Ctrl-C does, however fast the machine is
+
+    return plan(mission(*antipodal(4)), 600.0, tell), told
 
 
 def test_a_symmetric_exchange_is_resolved_and_proved(circle: tuple[Plan, list[Round]]) -> None:
@@ -122,7 +128,7 @@ def test_a_symmetric_exchange_is_resolved_and_proved(circle: tuple[Plan, list[Ro
         assert apart.min() >= pair.distance / 1e4 >= 0.4
 
 
-def test_rounds_are_shorter_and_shorter_and_never_below_the_bound(circle: tuple[Plan, list[Round]]) -> None:
+def test_rounds_get_shorter_never_below_the_bound_and_the_last_is_kept(circle: tuple[Plan, list[Round]]) -> None:
     found, told = circle
     durations = [proved.duration for proved in told]
     assert durations == sorted(durations, reverse=True)
@@ -135,14 +141,6 @@ def test_rounds_are_shorter_and_shorter_and_never_below_the_bound(circle: tuple[
 def test_the_same_mission_gives_the_same_rounds() -> None:
     first, again = (next(rounds(mission(*antipodal(3)), lambda: True)) for _ in range(2))
     assert first.curves == again.curves
-
-
-def test_an_interrupted_search_keeps_the_best_that_is_proved() -> None:
-    def interrupt(_: Round) -> None:
-        raise KeyboardInterrupt
-
-    found = plan(mission(*antipodal(3)), 60.0, interrupt)
-    assert min(found.verify().values()) >= 0.0
 
 
 def test_many_drones_meet_at_waypoints_on_common_times() -> None:
@@ -267,4 +265,4 @@ def test_a_wrong_file_is_refused_in_one_line(tmp_path: Path, name: str, text: st
 
 def test_curves_of_a_plan_have_the_spans_of_their_legs(alone: Plan) -> None:
     curve: Curve = alone.drones[0].curve
-    assert len(curve.knots) == 3 * 3 + 1
+    assert len(curve.knots) == 3 * 8 + 1
