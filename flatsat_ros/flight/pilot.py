@@ -32,6 +32,8 @@ _COMPENSATED_SHARE = 0.5
 _TINY = 1e-300
 # a thrust of this share of T_max is at its limit
 _FULL = 0.98
+# s: after so long without a tick that is told; the firmware takes set-points for lost after 0.5 s
+_PAUSE = 0.2
 # a drone that stands is tilted by less than this, rad
 _TILTED = 0.7
 
@@ -275,6 +277,8 @@ class Pilot:
             self._supervisor.set_clock_back(now)
             self._senses.set_clock_back(now)
             self.traffic.set_clock_back()
+        elif now - self._now > _PAUSE:
+            self._reports += self._paused(now - self._now)
         self._now = now
         for index, reason in self.clearance.barred():
             if self._supervisor.call_off(index):
@@ -332,6 +336,11 @@ class Pilot:
             reports=tuple(reports + [Report(*complaint) for complaint in self.estimator.complaints()]),
             duration=perf_counter() - begin,
         )
+
+    def _paused(self, seconds: float) -> list[Report]:
+        """Return what is told of the drones in the air when there was no tick for some time, s."""
+        text = f"no tick for {seconds:.2f} s: the controller or its machine stood still, and no commands were sent"
+        return [] if seconds == np.inf else [Report(int(i), text) for i in np.flatnonzero(~_GROUNDED[self.mode])]
 
     def _take(self, transitions: Sequence[Transition], estimated: FloatArray) -> None:
         """Let the parts know of the drones that changed their mode."""

@@ -124,7 +124,7 @@ class Event(Enum):
     POSE_LOST = "no fresh pose: held level"
     POSE_LOST_GROUNDED = "no fresh pose before it has left the ground: it waits"
     POSE_BACK = "poses are back"
-    POSE_BACK_LATE = "poses are back after a descent without them: it lands"
+    POSE_BACK_LATE = "poses are back after a descent without them: it goes on slowly"
     TOUCHED_DOWN = "touched down"
     HELD = "told to climb, but it did not leave the ground: unlocked once more"
     HELD_AGAIN = (

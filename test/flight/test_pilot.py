@@ -566,3 +566,19 @@ def test_what_a_tick_has_given_never_changes_afterwards() -> None:
     world.fly(1.0)
     for name, value in kept.items():
         np.testing.assert_array_equal(memory.gain if name == "gain" else getattr(tick, name), value)
+
+
+@pytest.mark.parametrize(("pause", "told"), [(0.1, False), (0.19, False), (0.25, True), (1.0, True)])
+def test_a_pause_of_the_ticks_is_told_of_the_drones_in_the_air(pause: float, told: bool) -> None:
+    pilot = Pilot(CERTIFICATE, tuning(), POLICY, 2)
+    tick = None
+    for step in range(20):
+        now = 0.1 * step + (pause - 0.1) * (step == 19)
+        pilot.measure(0, now, [0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.0], now)
+        if step == 5:
+            pilot.set_reference(0, Trajectory.hold([0.0, 0.0, 1.0]))
+        assert tick is None or not any("no tick for" in report.text for report in tick.reports)
+        tick = pilot.tick(now)
+    found = [report for report in tick.reports if "no tick for" in report.text]
+    assert [report.drone for report in found] == [0] * told
+    assert all(f"no tick for {pause:.2f} s" in report.text for report in found)
