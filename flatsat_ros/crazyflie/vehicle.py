@@ -88,8 +88,8 @@ class Dynamics:
         drag_xy: linear drag against horizontal air velocity, divided by the mass, 1/s.
         drag_z: the same against vertical air velocity, 1/s.
         dead_time: from a command's arrival to the first effect, s.
-        velocity_tilt: k, rad s/m: the drone holds the commanded attitude less k times its velocity, so that it leans
-            against its motion; what an on-board estimate that errs in proportion to the speed does. 0: none.
+        velocity_tilt: k, rad s/m: besides its command the drone leans into its motion by k times its velocity, which an
+            on-board estimate does that takes drag for tilt (then 0 < k < drag / g). 0: none.
     """
 
     attitude: AttitudeResponse
@@ -106,8 +106,8 @@ class Dynamics:
     def __post_init__(self) -> None:
         units = {"attitude_gain": "", "thrust_gain": "", "thrust_lag_up": "s", "thrust_lag_down": "s"}
         require_fields(self, require_positive, **units)
-        not_negative = {"drag_xy": "1/s", "drag_z": "1/s", "dead_time": "s", "velocity_tilt": "rad s/m"}
-        require_fields(self, require_zero_or_positive, **not_negative)
+        require_fields(self, require_zero_or_positive, drag_xy="1/s", drag_z="1/s", dead_time="s")
+        require_fields(self, partial(require_number, least=-1.0, most=1.0), velocity_tilt="rad s/m")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -328,3 +328,15 @@ def _convert(kind: Any, value: object, where: str) -> object:
     if not isinstance(value, list) or len(value) != length:
         raise refusal(where, value, "", f"a list of {length} numbers")
     return tuple(_convert(float, item, f"{where}[{i}]") for i, item in enumerate(value))
+
+
+def profile_document(profile: VehicleProfile) -> dict[str, Any]:
+    """Return a profile as what its YAML file says: mappings, lists, numbers; what is not known is left out."""
+    return cast("dict[str, Any]", _plain(dataclasses.asdict(profile)))
+
+
+def _plain(value: object) -> object:
+    """Return a value without tuples and without entries that are None."""
+    if isinstance(value, dict):
+        return {key: _plain(entry) for key, entry in value.items() if entry is not None}
+    return list(value) if isinstance(value, tuple) else value

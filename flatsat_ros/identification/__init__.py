@@ -1,4 +1,7 @@
-"""What recordings and flights tell about a vehicle and its motion capture. Numpy only."""
+"""What recordings and flights tell about a vehicle and its motion capture.
+
+What is imported here needs numpy only; `identified`, which fits flight logs, and what it stands on need scipy, too.
+"""
 
 from flatsat_ros.identification.hover import thrust_scale
 from flatsat_ros.identification.recording import Recording, read_csv

@@ -29,7 +29,7 @@ class Response(Protocol):
     Attributes:
         drag: (3,) linear drag against air velocity, world frame, 1/s.
         order: number of states of an axis of the attitude; the first three are angle, rate and acceleration.
-        velocity_tilt: the tilt that the drone holds against its velocity, rad s/m.
+        velocity_tilt: the tilt into the motion that the drone holds besides its command, rad s/m.
     """
 
     drag: FloatArray
@@ -251,13 +251,13 @@ class Bodies:
         self._touch_floor(place, attitude)
 
     def _leaning(self, command: FloatArray) -> FloatArray:
-        """Return the attitude (3, N) that the drone holds for a command, tilted against its velocity."""
+        """Return the attitude (3, N) that the drone holds for a command: tilted into its motion."""
         tilt = self._response.velocity_tilt
         if tilt == 0.0:
             return command
         (x, y, _), yaw = self.velocity.T, self.attitude[2, :, 0]
         ahead, left = np.cos(yaw) * x + np.sin(yaw) * y, np.cos(yaw) * y - np.sin(yaw) * x
-        return np.stack([command[0] + tilt * left, command[1] - tilt * ahead, command[2]])
+        return np.stack([command[0] - tilt * left, command[1] + tilt * ahead, command[2]])
 
     def _next_attitude(self, command: FloatArray) -> FloatArray:
         """Return the attitude one STEP later: controlled, or drifting away where the command is NaN."""

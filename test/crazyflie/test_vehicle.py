@@ -136,7 +136,7 @@ def test_lag_is_the_slowest_of_attitude_and_thrust(name: str) -> None:
         ({"dynamics.attitude.integral_pole": 0.4}, "integral_pole = 0.4 rad/s: must be .* 0 without"),
         ({"dynamics.thrust_lag_up": 0.0}, "thrust_lag_up"),
         ({"dynamics.drag_z": -1.0}, "drag_z"),
-        ({"dynamics.velocity_tilt": -0.01}, "velocity_tilt = -0.01 rad s/m: must be 0, or a number from"),
+        ({"dynamics.velocity_tilt": 1.1}, "velocity_tilt = 1.1 rad s/m: must be a number from -1 to 1"),
         ({"thrust_slope": 0.2}, "thrust_slope = 0.2: must be a number from 0.25 to 4"),
         ({"thrust_slope": "steep"}, "thrust_slope = 'steep': must be a number"),
         ({"intervals": None}, "intervals = None: must be a mapping"),

@@ -1,0 +1,263 @@
+"""A drone as its flights show it: each figure with an interval, what cannot be told, and the vehicle profile of it.
+
+The interval of a figure is for other flights of the same drone. From the estimates x_i of n flights, each fitted alone,
+it is x +- t s sqrt(1 + 1/n) with their standard deviation s and the 97.5 % point t of Student's distribution for n - 1
+degrees of freedom; delay and available thrust come from the common fit, which has one of each for each flight. It is
+at least 2.2 standard deviations of the common fit, and at least what the method resolves. Where one flight alone tells
+a figure, its interval says nothing about other flights.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.constants import GRAVITY
+from flatsat_ros.base.errors import FlatsatError, require
+from flatsat_ros.crazyflie.intervals import Intervals
+from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile
+from flatsat_ros.identification.fit import BLOCK, BOUNDS, Fit, excited, fit
+from flatsat_ros.identification.residuals import EVERY, REACH, Flight
+from flatsat_ros.identification.response import Figures
+from flatsat_ros.identification.screening import STEP, Samples
+
+BANDWIDTH = 0.3189 / (REACH * STEP)  # Hz, where a mean weighted by a triangle of +-H has fallen to 1 / sqrt 2
+_DEVIATIONS = 2.2  # of the common fit: 95 % for 25 blocks
+# the largest standard deviation with which a flight or fit tells a figure: a share of the value, or in its unit
+_SHARES = {"attitude_gain": 0.1, "natural_frequency": 0.25, "damping": 0.25, "lag_and_delay": 0.2, "thrust_lag": 0.35}
+_WIDTHS = {"velocity_tilt": 0.02, "thrust_slope": 0.15, "drag_xy": 0.12, "drag_z": 0.12, "thrust_available": 0.3}
+NAMES = (*_SHARES, *_WIDTHS)
+# what the method resolves, likewise: rows of 10 ms, a second-order attitude, one thrust lag for up and down
+_RESOLVED = {
+    **{"attitude_gain": 0.01, "natural_frequency": 0.08, "damping": 0.08, "lag_and_delay": 0.03, "thrust_lag": 0.1},
+    **{"velocity_tilt": 0.002, "thrust_slope": 0.02, "drag_xy": 0.03, "drag_z": 0.03, "thrust_available": 0.1},
+}
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure.
+
+    Attributes:
+        value: of the common fit, in the unit of `Intervals`.
+        interval: for other flights of the same drone; None: not known.
+        flights: number of flights that tell it, each for itself.
+        estimates: theirs, one for each flight, NaN for those that do not tell it.
+    """
+
+    value: float
+    interval: tuple[float, float] | None
+    flights: int
+    estimates: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """What the flights of one drone tell.
+
+    Attributes:
+        flights: as they were compared.
+        common: the fit to all.
+        figures: by the names of `Intervals`; one whose interval is None keeps the value of the base profile.
+        disturbance: 50, 95 and 99 % quantiles of the acceleration that nothing explains, up to BANDWIDTH, m/s^2.
+        disturbance_rate: the same of its rate of change, m/s^3.
+        pose_noise: standard deviation of a measured coordinate, m, the largest of the flights.
+    """
+
+    flights: tuple[Flight, ...]
+    common: Fit
+    figures: Mapping[str, Figure]
+    disturbance: FloatArray
+    disturbance_rate: FloatArray
+    pose_noise: float
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Names of the figures that the flights do not tell."""
+        return tuple(name for name, figure in self.figures.items() if figure.interval is None)
+
+
+def identify(
+    samples: Sequence[Samples], base: VehicleProfile, advance: Callable[[str], None] = lambda _: None
+) -> Identified:
+    """Find the figures of a drone from its flights.
+
+    Args:
+        samples: of flights of the same drone.
+        base: profile of its kind: where to start, and what the flights do not tell.
+        advance: told what is done next; called 4 + len(samples) times.
+
+    Raises:
+        FlatsatError: a flight is there twice, or too short to be compared.
+    """
+    _require_different(samples)
+    flights = [Flight.of(each) for each in samples]
+    free, begin = excited(flights), _figures_of(base)
+    common = fit(flights, begin, free, advance=lambda: advance("fitting all flights"))
+    told = [name for name in free if name not in NAMES or _tells(name, common, base.pwm_max)]
+    if len(told) < len(free):  # what the flights do not tell must not bend the rest
+        common = fit(flights, begin, told, starts=1)
+    free = tuple(told)
+    alone = []
+    for flight in flights:
+        advance(f"fitting {flight.motion.samples.name} alone")
+        alone.append(fit([flight], common.figures, [name for name in excited([flight]) if name in free], starts=1))
+    figures = {name: _figure(name, common, alone, base.pwm_max) for name in NAMES}
+    quantiles = _disturbances(common, flights)
+    noise = max(each.pose_noise for each in samples)
+    return Identified(tuple(flights), common, figures, *quantiles, noise)
+
+
+def profile_of(identified: Identified, base: VehicleProfile, name: str) -> VehicleProfile:
+    """Return the profile of the drone: the base with what the flights tell.
+
+    A log tells force over mass, not both: the mass is the base's and the force is that of such a mass. One lag serves
+    rising and falling thrust. The delay on board stays the base's: a log tells only its sum with lag and clocks.
+
+    Raises:
+        FlatsatError: at the largest thrust command the drone does not lift itself.
+    """
+    value = {key: figure.value for key, figure in identified.figures.items() if figure.interval is not None}
+    dynamics, attitude = base.dynamics, base.dynamics.attitude
+    if "natural_frequency" in value and "damping" in value:
+        attitude = dataclasses.replace(
+            attitude,
+            natural_frequency=value["natural_frequency"],
+            damping=value["damping"],
+            actuator_lag=0.0,
+            integral_zero=0.0,
+            integral_pole=0.0,
+        )
+    lag = value.get("thrust_lag")
+    dynamics = dataclasses.replace(
+        dynamics,
+        attitude=attitude,
+        attitude_gain=value.get("attitude_gain", dynamics.attitude_gain),
+        thrust_gain=1.0,
+        thrust_lag_up=lag or dynamics.thrust_lag_up,
+        thrust_lag_down=lag or dynamics.thrust_lag_down,
+        drag_xy=max(value.get("drag_xy", dynamics.drag_xy), 0.0),
+        drag_z=max(value.get("drag_z", dynamics.drag_z), 0.0),
+        velocity_tilt=value.get("velocity_tilt", dynamics.velocity_tilt),
+    )
+    slope, available = identified.common.figures.thrust_slope, identified.figures["thrust_available"].value
+    full = available * (PWM_FULL / base.pwm_max) ** slope
+    intervals = {key: figure.interval for key, figure in identified.figures.items()}
+    try:
+        return dataclasses.replace(
+            base,
+            name=name,
+            force_max=base.mass * full,
+            thrust_slope=slope,
+            dynamics=dynamics,
+            intervals=Intervals(**intervals),
+        )
+    except FlatsatError as error:
+        raise FlatsatError(f"the drone of these flights makes no profile: {error}") from error
+
+
+def _figures_of(base: VehicleProfile) -> Figures:
+    """Return the figures of a profile, its attitude as of second order."""
+    dynamics = base.dynamics
+    return Figures(
+        attitude_gain=dynamics.attitude_gain,
+        natural_frequency=dynamics.attitude.natural_frequency,
+        damping=dynamics.attitude.damping,
+        velocity_tilt=dynamics.velocity_tilt,
+        thrust_slope=base.thrust_slope,
+        thrust_lag=0.5 * (dynamics.thrust_lag_up + dynamics.thrust_lag_down),
+        drag_xy=dynamics.drag_xy,
+        drag_z=dynamics.drag_z,
+        delay=dynamics.dead_time,
+    )
+
+
+def _figure(name: str, common: Fit, alone: Sequence[Fit], pwm_max: float) -> Figure:
+    """Return one figure with its interval."""
+    value = _value(name, common, pwm_max)
+    estimates = _estimates(name, common, alone, pwm_max)
+    if not _tells(name, common, pwm_max):
+        return Figure(value, None, 0, estimates)
+    relative = name in _SHARES
+    width = max(_RESOLVED[name], _DEVIATIONS * _deviation(name, common, pwm_max) / (value if relative else 1.0))
+    found = np.array([estimate for estimate in estimates if not math.isnan(estimate)])
+    if len(found) > 1:
+        spread = float(np.std(np.log(found) if relative else found, ddof=1))
+        width = max(width, float(student.ppf(0.975, len(found) - 1)) * spread * math.sqrt(1.0 + 1.0 / len(found)))
+    if relative:
+        return Figure(value, (value * math.exp(-width), value * math.exp(width)), len(found), estimates)
+    return Figure(value, (value - width, value + width), len(found), estimates)
+
+
+def _estimates(name: str, common: Fit, alone: Sequence[Fit], pwm_max: float) -> tuple[float, ...]:
+    """Return what each flight tells, NaN for nothing; delay and thrust differ from flight to flight in any fit."""
+    if name == "lag_and_delay" and "delay" in common.free:
+        return tuple(common.of(k).lag_and_delay for k in range(len(alone)))
+    if name == "thrust_available":
+        ratio = (pwm_max / PWM_FULL) ** common.figures.thrust_slope
+        return tuple(each.thrust_full * ratio for each in common.misfits)
+    return tuple(_value(name, each, pwm_max) if _tells(name, each, pwm_max) else math.nan for each in alone)
+
+
+def _value(name: str, found: Fit, pwm_max: float) -> float:
+    """Return a figure of a fit."""
+    if name == "thrust_available":
+        full = float(np.mean([each.thrust_full for each in found.misfits]))
+        return float(full * (pwm_max / PWM_FULL) ** found.figures.thrust_slope)
+    return float(getattr(found.figures, name))
+
+
+def _deviation(name: str, found: Fit, pwm_max: float) -> float:
+    """Return the standard deviation of a figure of a fit."""
+    if name == "lag_and_delay":
+        wn, zeta = found.figures.natural_frequency, found.figures.damping
+        return found.deviation({"damping": 2.0 / wn, "natural_frequency": -2.0 * zeta / wn**2, "delay": 1.0})
+    if name == "thrust_available":
+        # at the thrust flown it is the scatter of the residuals, farther up that of the slope, too
+        held = [each.position[:, 2] / (REACH * STEP) ** 2 for each in found.misfits]
+        count = sum(max(len(each) * EVERY * STEP / BLOCK, 1.0) for each in held)
+        flown = float(np.std(np.concatenate(held))) / math.sqrt(count)
+        value = _value(name, found, pwm_max)
+        away = math.log(max(value / GRAVITY, 1e-3)) / found.figures.thrust_slope
+        return math.hypot(flown, found.deviation({"thrust_slope": value * away}))
+    return found.deviation({name: 1.0})
+
+
+def _tells(name: str, found: Fit, pwm_max: float) -> bool:
+    """Tell whether a fit tells a figure: it was free, inside its bounds, and is known well enough."""
+    value = _value(name, found, pwm_max)
+    free = name == "thrust_available" or ("delay" if name == "lag_and_delay" else name) in found.free
+    if free and name in BOUNDS:
+        least, most, step = BOUNDS[name]
+        free = least + 0.01 * step < value < most - 0.01 * step
+    limit = _SHARES[name] * value if name in _SHARES else _WIDTHS[name]
+    return free and _deviation(name, found, pwm_max) <= limit
+
+
+def _disturbances(common: Fit, flights: Sequence[Flight]) -> tuple[FloatArray, FloatArray]:
+    """Return the 50, 95 and 99 % quantiles of the unexplained acceleration, m/s^2, and of its rate, m/s^3."""
+    sizes, rates = [], []
+    for flight, each in zip(flights, common.misfits, strict=True):
+        pushed = each.position / (REACH * STEP) ** 2
+        pushed[:, :2] += (flight.pushed @ each.trim).reshape(-1, 2) / (REACH * STEP) ** 2
+        sizes.append(np.linalg.norm(pushed, axis=1))
+        steps = np.diff(flight.position_at)
+        change = np.diff(pushed, axis=0)[steps == EVERY] / (EVERY * STEP)
+        rates.append(np.linalg.norm(change, axis=1))
+    asked = (50.0, 95.0, 99.0)
+    return np.percentile(np.concatenate(sizes), asked), np.percentile(np.concatenate(rates), asked)
+
+
+def _require_different(samples: Sequence[Samples]) -> None:
+    """Refuse a flight that is there twice, under whatever name."""
+    seen: dict[bytes, str] = {}
+    for each in samples:
+        key = each.position[each.usable][:500].tobytes()
+        require(key not in seen, "log", each.name, "", f"a flight of its own: it has the poses of {seen.get(key)}")
+        seen[key] = each.name

@@ -1,0 +1,142 @@
+"""Flight logs: what was commanded and where the drone was, from a CSV file of any form that a column map describes.
+
+What is wrong in a log is kept here, as NaN where there is no number; `screening` finds, masks and counts it.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.errors import FlatsatError, refusal, require
+from flatsat_ros.base.files import located, read_text, unreadable
+from flatsat_ros.identification.columns import ColumnMap, recognise
+
+LOG_BYTES = 256 * 1024 * 1024  # an hour at 100 Hz with 60 columns
+ROWS = 500_000
+
+
+@dataclass(frozen=True, eq=False)
+class FlightLog:
+    """One flight of one drone. The three channels have times of their own, s, on one clock.
+
+    Attributes:
+        name: of the log.
+        pose_time: (M,) of the poses.
+        position: (M, 3) m, world frame.
+        angles: (M, 3) roll, pitch, yaw of the marker frame, rad, ZYX, body FLU to world ENU; NaN for none.
+        command_time: (K,) of the commands.
+        command: (K, 3) commanded roll and pitch, rad, positive toward -y and +x, and thrust, PWM; each holds until the
+            next.
+        voltage_time: (B,) of the battery readings; there may be none.
+        voltage: (B,) V.
+        damaged: number of lines of the file that are no rows of numbers.
+
+    Raises:
+        FlatsatError: shapes differ, or a channel of poses or commands is empty.
+    """
+
+    name: str
+    pose_time: FloatArray
+    position: FloatArray
+    angles: FloatArray
+    command_time: FloatArray
+    command: FloatArray
+    voltage_time: FloatArray
+    voltage: FloatArray
+    damaged: int = 0
+
+    def __post_init__(self) -> None:
+        poses, commands = len(self.pose_time), len(self.command_time)
+        shapes = self.position.shape, self.angles.shape, self.command.shape, self.voltage.shape
+        expected = (poses, 3), (poses, 3), (commands, 3), self.voltage_time.shape
+        require(shapes == expected, "shapes of position, angles, command, voltage", shapes, "", str(expected))
+        for channel, count in (("poses", poses), ("commands", commands)):
+            if count < 2:
+                raise FlatsatError(f"{self.name}: it has {count} {channel}: must have at least 2")
+
+
+def read_log(path: str | os.PathLike[str], columns: ColumnMap | None = None) -> FlightLog:
+    """Read a CSV log.
+
+    Args:
+        path: of the file; its first line has the names of the columns.
+        columns: what they are; None: a form that the package knows, recognised by the header.
+
+    Raises:
+        FlatsatError: the file cannot be read, is larger than LOG_BYTES or ROWS, has columns that are missing or not
+            known, or no rows.
+    """
+    lines = read_text(path, LOG_BYTES).splitlines()
+    if len(lines) > ROWS:
+        raise unreadable(path, f"it has more than {ROWS} lines, the most that is read")
+    header = [name.strip() for name in lines[0].split(",")] if lines else []
+    try:
+        known = columns or recognise(header)
+        lacking = known.missing(header)
+        if lacking:
+            raise refusal("columns", header, "", f"also {', '.join(lacking)}, as the column map {known.name} says")
+        return _log(Path(path).stem, lines[1:], header, known)
+    except FlatsatError as error:
+        raise located(path, error) from error
+
+
+def _log(name: str, lines: Sequence[str], header: Sequence[str], known: ColumnMap) -> FlightLog:
+    """Return the log of the lines below a header."""
+    used = [(quantity, column) for quantity, column in known.columns.items() if column.name in header]
+    places = [header.index(column.name) for _, column in used]
+    rows, damaged = [], 0
+    for line in lines:
+        if not line or line.isspace():
+            continue
+        parts = line.split(",")
+        row = [_number(parts[place]) for place in places] if len(parts) == len(header) else []
+        damaged += any(value is None for value in row) or not row
+        rows.append([math.nan if value is None else value for value in row] or [math.nan] * len(places))
+    table = np.array(rows, dtype=np.float64).reshape(-1, len(places))
+    column = {quantity: table[:, k] * each.factor for k, (quantity, each) in enumerate(used)}
+    time = column["time"]
+    finite = np.isfinite(time)
+    if not finite.any():
+        raise FlatsatError("it has no row of numbers")
+    column = {quantity: values[finite] for quantity, values in column.items()}
+    time = column["time"] - column["time"][0]
+    angles = [column[each] for each in ("roll", "pitch", "yaw")] if "roll" in column else None
+    read = "voltage" in column
+    return FlightLog(
+        name=name,
+        pose_time=time,
+        position=np.stack([column[axis] for axis in "xyz"], axis=-1),
+        angles=np.stack(angles, axis=-1) if angles else angles_of([column[f"q{axis}"] for axis in "xyzw"]),
+        command_time=time,
+        command=np.stack([column[f"{each}_setpoint"] for each in ("roll", "pitch", "thrust")], axis=-1),
+        voltage_time=time if read else np.empty(0),
+        voltage=column["voltage"] if read else np.empty(0),
+        damaged=damaged,
+    )
+
+
+def _number(text: str) -> float | None:
+    """Return a number, NaN for an empty field, None for what is no number."""
+    try:
+        return float(text) if text.strip() else math.nan
+    except ValueError:
+        return None
+
+
+def angles_of(quaternion: Sequence[FloatArray]) -> FloatArray:
+    """Return roll, pitch, yaw (M, 3), rad, ZYX, of quaternions x, y, z, w, (M,) each; NaN where the norm is not 1."""
+    x, y, z, w = (np.asarray(part, dtype=np.float64) for part in quaternion)
+    with np.errstate(invalid="ignore", over="ignore"):
+        norm = x * x + y * y + z * z + w * w
+        roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+        pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+        yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        angles = np.stack([roll, pitch, yaw], axis=-1)
+        return np.where((np.abs(norm - 1.0) < 0.05)[:, None], angles, np.nan)

@@ -1,0 +1,69 @@
+"""Flight logs come out of CSV files as they went in."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from flown import write
+from numpy.testing import assert_allclose
+
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.identification.columns import load_columns
+from flatsat_ros.identification.log import FlightLog, angles_of, read_log
+from flatsat_ros.sim.dynamics import Bodies, Ideal
+
+
+def test_a_log_is_read_in_si_units_with_our_signs(logs: list[FlightLog], tmp_path: Path) -> None:
+    read = read_log(write(logs[0], tmp_path / "flight.csv"))
+    assert read.name == "flight"
+    assert read.damaged == 0
+    assert len(read.voltage) == 0
+    for name in ("pose_time", "position", "angles", "command_time", "command"):
+        assert_allclose(getattr(read, name), getattr(logs[0], name), rtol=1e-7, atol=1e-7, err_msg=name)
+
+
+def test_lines_that_are_no_rows_are_counted_and_become_nan(logs: list[FlightLog], tmp_path: Path) -> None:
+    path = write(logs[0], tmp_path / "flight.csv")
+    lines = path.read_text().splitlines()
+    lines[100] = lines[100].replace(",", ",x", 1)  # a field that is no number
+    lines[200] = lines[200].rpartition(",")[0]  # a line that breaks off: its stamp is not sure either
+    lines[300] = lines[300].partition(",")[0] + "," * 9  # a row that only has a stamp: no damage, but no pose
+    path.write_text("\n".join(lines))
+    read = read_log(path)
+    assert read.damaged == 2
+    assert len(read.pose_time) == len(lines) - 2
+    assert np.flatnonzero(np.isnan(read.position[:, 0])).tolist() == [99, 298]
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("", "are none of a known form"),
+        ("t,x,y\n1,2,3\n", "are none of a known form"),
+        ("{header}\n", "has no row of numbers"),
+        ("{header}\n{row}\n", "it has 1 poses: must have at least 2"),
+        ("{header}\nx\n", "has no row of numbers"),
+    ],
+)
+def test_files_that_are_no_logs_are_refused(text: str, complaint: str, tmp_path: Path) -> None:
+    header = ",".join(column.name for column in load_columns("cflib").columns.values())
+    path = tmp_path / "flight.csv"
+    path.write_text(text.format(header=header, row=",".join("1" for _ in header.split(","))))
+    with pytest.raises(FlatsatError, match=complaint) as refusal:
+        read_log(path)
+    assert str(path) in str(refusal.value)
+
+
+def test_a_given_map_must_fit_the_file(logs: list[FlightLog], tmp_path: Path) -> None:
+    with pytest.raises(FlatsatError, match="must be also t, px, py"):
+        read_log(write(logs[0], tmp_path / "flight.csv"), load_columns("vicon_100hz"))
+
+
+def test_angles_are_those_of_the_simulated_body_and_no_quaternion_has_none() -> None:
+    body = Bodies(Ideal(), np.zeros((50, 3)) + (0.0, 0.0, 9.0), np.zeros(50), thrust=9.81, floor=0.0)
+    body.attitude[..., 0] = np.random.default_rng(0).uniform(-1.5, 1.5, (3, 50))
+    quaternion = body.quaternion.T.copy()
+    assert_allclose(angles_of(quaternion), body.angles, atol=1e-12)
+    quaternion[:, 3] = 0.0
+    quaternion[:, 4] = np.nan
+    assert np.isnan(angles_of(quaternion)).all(axis=1).nonzero()[0].tolist() == [3, 4]
