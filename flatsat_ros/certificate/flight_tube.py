@@ -11,6 +11,7 @@ convex; only what is left, of second order, is left to the small gains. docs/mat
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -149,6 +150,39 @@ def cell_tube(design: Design, box: Box, gain_min: float, gain_max: float, assump
     if not 0.0 < gain_min <= gain_max:
         raise refusal("gain_min", gain_min, "", f"above 0 and at most gain_max, {gain_max:g}")
     return _Bounds(Cell(design, box), (gain_min + gain_max) / 2.0, (gain_max - gain_min) / 2.0).tube(box, assumptions)
+
+
+def box_tube(
+    design: Design, box: Box, cuts: Sequence[str], gain_min: float, gain_max: float, assumptions: Assumptions
+) -> Tube:
+    """Return the tube of all plants of a box that is cut into cells.
+
+    Args:
+        design: the controller.
+        box: the plants.
+        cuts: for the box and then for the lower and the upper half of whatever is cut, each with its own halves before
+            the next: the figure across which it is cut into halves (`Box.halves`), or "" for a cell.
+        gain_min: smallest applied gain k.
+        gain_max: largest applied gain.
+        assumptions: bounds of the inputs.
+
+    Raises:
+        FlatsatError: as `cell_tube`; or the cuts leave parts over, go on without any, or name no figure of a part.
+    """
+    tube, waiting = Tube(0.0, 0.0, 0.0, 0.0), [box]
+    for name in cuts:
+        if not waiting:
+            raise refusal("number of cuts", len(cuts), "", "no more than there are parts")
+        part = waiting.pop()
+        if name:
+            if name not in part.spread:
+                raise refusal("a cut", name, "", f"one of {', '.join(part.spread)}, which vary in its part")
+            waiting.extend(reversed(part.halves(name, design.period)))
+        else:
+            tube |= cell_tube(design, part, gain_min, gain_max, assumptions)
+    if waiting:
+        raise refusal("number of cuts", len(cuts), "", f"more, {len(waiting)} parts are left")
+    return tube
 
 
 class _Bounds:

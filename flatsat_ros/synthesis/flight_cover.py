@@ -1,0 +1,99 @@
+"""Cut a box of plants into cells until the tube proved of it is hardly larger than that of its worst corner."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight_loop import Design, Plant
+from flatsat_ros.certificate.flight_tube import Assumptions, Tube, box_tube, cell_tube
+
+# How much one figure matters against another, per width relative to its value; only the number of cells depends on it.
+_WEIGHTS = {"lag": 1.0, "gain": 1.25, "frequency": 2.0, "damping": 1.0, "tilt": 0.1}
+
+
+@dataclass(frozen=True)
+class Cover:
+    """A box in cells.
+
+    Attributes:
+        cuts: the figures across which the box is cut, as `box_tube` reads them.
+        tube: what is proved of all of it.
+        corners: the tube of the worst corners, each known exactly: no cover has a smaller one.
+    """
+
+    cuts: tuple[str, ...]
+    tube: Tube
+    corners: Tube
+
+
+def corners(box: Box) -> list[Plant]:
+    """Return the plants of which every figure is the least or the largest of a box."""
+    spread = box.spread
+    return [
+        replace(box.low, **dict(zip(spread, values, strict=True))) for values in itertools.product(*spread.values())
+    ]
+
+
+def corner_tube(design: Design, box: Box, gain_min: float, gain_max: float, assumptions: Assumptions) -> Tube:
+    """Return the tube of the corners of a box alone; of the plants between it says nothing."""
+    tube = Tube(0.0, 0.0, 0.0, 0.0)
+    for plant in corners(box):
+        tube |= cell_tube(design, Box(plant, plant), gain_min, gain_max, assumptions)
+    return tube
+
+
+def cover(
+    design: Design,
+    box: Box,
+    gain_min: float,
+    gain_max: float,
+    assumptions: Assumptions,
+    excess: float = 0.05,
+    cells_max: int = 2000,
+) -> Cover:
+    """Cut a box until every cell has a position tube of at most (1 + excess) times that of the worst corner.
+
+    Args:
+        design: the controller.
+        box: the plants.
+        gain_min: smallest applied gain.
+        gain_max: largest applied gain.
+        assumptions: bounds of the inputs.
+        excess: relative.
+        cells_max: more are not made.
+
+    Raises:
+        FlatsatError: a corner has no tube, or so many cells do not do.
+    """
+    worst = corner_tube(design, box, gain_min, gain_max, assumptions)
+    aim = worst.position * (1.0 + excess)
+    if not worst.position < 1e3:
+        raise FlatsatError(f"tube of a corner of the box = {worst.position:g} m: must be bounded, with other gains")
+    cuts: list[str] = []
+    waiting = [box]
+    while waiting:
+        part = waiting.pop()
+        name = _next_cut(part, design.period)
+        whole = part.within_periods(design.period)
+        if whole and (not name or cell_tube(design, part, gain_min, gain_max, assumptions).position <= aim):
+            cuts.append("")
+            continue
+        cuts.append(name)
+        waiting.extend(reversed(part.halves(name, design.period)))
+        if len(cuts) > 2 * cells_max:
+            raise FlatsatError(f"cells = more than {cells_max}: must be fewer, with a larger excess than {excess:g}")
+    return Cover(tuple(cuts), box_tube(design, box, cuts, gain_min, gain_max, assumptions), worst)
+
+
+def _next_cut(box: Box, period: float) -> str:
+    """Return the figure across which a cell is widest, in what it does to the loop; empty for a single plant."""
+    if not box.within_periods(period):
+        return "delay"
+    widths = {
+        name: (high - low) / (period if name == "delay" else high) * _WEIGHTS.get(name, 1.0)
+        for name, (low, high) in box.spread.items()
+    }
+    return max(widths, key=lambda name: widths[name], default="")
