@@ -32,7 +32,10 @@ def test_a_flight_in_which_nothing_grows_passes() -> None:
     figures = summary(soak())
     assert figures["passed"] is True
     assert figures["ticks_missed"] == 0
-    assert lines(figures)[0] == "10 drones, 60.0 min, 12 flights; 180001 ticks, 0 missed"
+    assert (
+        lines(figures)[0]
+        == "10 drones, 60.0 min, 12 flights; 180001 ticks, 0 missed; 0 s in which a drone had no poses"
+    )
 
 
 def test_memory_that_settles_in_the_first_half_passes() -> None:
@@ -72,7 +75,7 @@ def test_missed_ticks_are_counted_and_bounded() -> None:
 
 def test_what_is_left_behind_or_went_wrong_fails() -> None:
     assert verdict(soak(left=["/dev/shm/x"])) == ["left behind: /dev/shm/x"]
-    assert verdict(soak(problems=["no longer in FLY: cf1"])) == ["no longer in FLY: cf1"]
+    assert verdict(soak(problems=["no longer in the air: cf1"])) == ["no longer in the air: cf1"]
     assert "too short" in verdict(soak(samples={"controller": []}))[0]
 
 

@@ -16,7 +16,7 @@ from flatsat_ros.demo.live import Live
 from flatsat_ros.demo.processes import command_of, end, start
 from flatsat_ros.falsification.soak.usage import left, present, sample
 from flatsat_ros.falsification.soak.verdict import Soak
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.supervisor import AIRBORNE, Mode
 
 if TYPE_CHECKING:
     from flatsat_ros.nodes.soak_lab import SoakLab
@@ -120,12 +120,12 @@ class Flight(Live):
         self._soak.flights += 1
         self.take_off()
         self._expect(lambda: not self._not_in(Mode.FLY), _CLIMB, "take off")
-        while self.now() < until and not self._not_in(Mode.FLY):
+        while self.now() < until and not self._not_in(*AIRBORNE):
             self._send_goals()
             self._look()
             self.step()
-        if lost := self._not_in(Mode.FLY):
-            self._soak.problems.append(f"no longer in FLY: {', '.join(lost)}")
+        if lost := self._not_in(*AIRBORNE):
+            self._soak.problems.append(f"no longer in the air: {', '.join(lost)}")
         self.land()
         self._expect(lambda: not self.in_use(), _LANDING, "land")
 
@@ -139,8 +139,8 @@ class Flight(Live):
             self._look()
             self.step()
 
-    def _not_in(self, mode: Mode) -> list[str]:
-        return self._lab.robots_in(*set(Mode) - {mode})
+    def _not_in(self, *modes: Mode) -> list[str]:
+        return self._lab.robots_in(*set(Mode) - set(modes))
 
     def _send_goals(self) -> None:
         """Send all drones to the other one of their two places, when it is time."""
@@ -157,6 +157,7 @@ class Flight(Live):
         if now < self._next_sample:
             return
         self._next_sample = now + _SAMPLE_EVERY
+        self._soak.unsteady += bool(self._lab.robots_in(Mode.LEVEL, Mode.DESCEND))
         for name, process in self._processes.items():
             self._soak.samples[name].append(sample(process.pid, now - self._begin))
         if now >= self._next_line:

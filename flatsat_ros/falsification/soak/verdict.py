@@ -26,6 +26,7 @@ class Soak:
         ticks: how many the controller made while it was watched.
         watched: s, from the first of these ticks to the last.
         flights: from take-off to landing, how many there were.
+        unsteady: at how many looks, one a second, a drone was held level for want of poses.
         left: files of shared memory and processes that were there after the end.
         problems: what went wrong in flight.
     """
@@ -36,6 +37,7 @@ class Soak:
     ticks: int = 0
     watched: float = 0.0
     flights: int = 0
+    unsteady: int = 0
     left: list[str] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
 
@@ -86,6 +88,7 @@ def summary(soak: Soak) -> dict[str, object]:
         "minutes": round(soak.watched / 60.0, 2),
         "drones": soak.drones,
         "flights": soak.flights,
+        "seconds_without_poses": soak.unsteady,
         "ticks": soak.ticks,
         "ticks_missed": soak.missed,
         "left_behind": soak.left,
@@ -98,7 +101,7 @@ def lines(figures: Mapping[str, object]) -> list[str]:
     ticks, missed = figures["ticks"], figures["ticks_missed"]
     text = [
         f"{figures['drones']} drones, {figures['minutes']} min, {figures['flights']} flights; "
-        f"{ticks} ticks, {missed} missed"
+        f"{ticks} ticks, {missed} missed; {figures['seconds_without_poses']} s in which a drone had no poses"
     ]
     processes = figures["processes"]
     assert isinstance(processes, dict)
