@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import pytest
@@ -14,6 +14,7 @@ from scipy.linalg import expm
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.flight_loop import Design, FlightLoop, Plant, exponential, split
+from flatsat_ros.certificate.flight_tube import Assumptions
 
 PERIOD = 0.02
 OBSERVER = (0.671, 17.82, 40.55)
@@ -182,6 +183,28 @@ def test_the_loop_is_what_flies_in_absolute_coordinates(plant: Plant, model: Pla
     disturbance = Polynomial(random.standard_normal(3))
     arguments = (design, plant, gains, reference, disturbance, noise)
     np.testing.assert_allclose(modelled(*arguments), flown(*arguments), rtol=1e-7, atol=1e-9)
+
+
+@settings(max_examples=30)
+@given(one=plants, other=plants, model=plants, seed=st.integers(0, 2**32 - 1))
+def test_what_references_do_to_the_loop_is_bounded(one: Plant, other: Plant, model: Plant, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    if (one.frequency > 0.0) != (other.frequency > 0.0) or (one.lag > 0.0) != (other.lag > 0.0):
+        other = one
+    names = [figure.name for figure in fields(Plant)]
+    low, high = (Plant(*(pick(getattr(one, n), getattr(other, n)) for n in names)) for pick in (min, max))
+    plant = Plant(*(getattr(low, n) + random.uniform() * (getattr(high, n) - getattr(low, n)) for n in names))
+    model = Plant(model.delay, model.lag, model.frequency, model.damping, 1.0, model.tilt, model.drag)
+    reference = Reference(Polynomial(random.standard_normal(6)), model)
+    times = np.linspace(-0.5, 0.5, 1001)
+    largest = [float(np.abs(reference.position.deriv(order)(times)).max()) for order in (2, 3, 4)]
+    assumptions = Assumptions(0.0, 0.0, *largest)
+    within = np.linspace(0.0, PERIOD, 21)[:-1]
+    errors = reference.ahead(0.0) - reference.needed(plant)(plant.delay + within)
+    assert np.abs(errors).max() <= assumptions.drive(model, PERIOD, low, high) * (1.0 + 1e-9)
+    unknown = model.drag + model.tilt - plant.drag - plant.tilt
+    rate = (plant.gain - 1.0) * reference.asked.deriv() + unknown * reference.position.deriv(2)
+    assert np.abs(rate(times)).max() <= assumptions.rate(model, low, high) * (1.0 + 1e-9)
 
 
 def l1(loop: FlightLoop, gain: float, column: np.ndarray) -> float:
