@@ -11,7 +11,7 @@ ARGS ?=
 
 PYTHON_NOBLE ?= $(firstword $(wildcard $(HOME)/.pyenv/versions/3.12*/bin/python) $(shell command -v python3.12))
 NOBLE := .venv-noble
-WITHOUT_ROS := $(addprefix test/,base law certificate flight crazyflie synthesis planning identification sim falsification demo test_fuzz.py paper/test_errata.py paper/test_offset_free.py paper/test_tracking.py)
+WITHOUT_ROS := $(addprefix test/,base law certificate flight crazyflie synthesis plans planning identification sim falsification demo test_fuzz.py paper/test_errata.py paper/test_offset_free.py paper/test_tracking.py)
 NOBLE_REQUIREMENTS := requirements/noble.txt
 NOBLE_SETUP := $(NOBLE)/.done
 

@@ -114,8 +114,8 @@ def _plan(arguments: argparse.Namespace) -> None:
 
 
 def _progress(proved: Round) -> None:
-    bound = f", {proved.duration / proved.bound:.3f} of the slowest drone alone" if proved.bound else ""
-    print(f"  proved: {proved.duration:.3f} s{bound}", file=sys.stderr, flush=True)
+    beside = "" if proved.bound is None else f", {proved.duration / proved.bound:.3f} of the slowest drone alone"
+    print(f"  proved: {proved.duration:.3f} s{beside}", file=sys.stderr, flush=True)
 
 
 def _tell(plan: Plan) -> None:

@@ -92,13 +92,13 @@ def _timed(mission: Mission) -> Round:
         curves = None if points is None else (_curve(shapes, points, 1),)
         broken = "the solver finds none" if curves is None else _broken(mission, curves)
         if curves is not None and broken is None:
-            return Round(curves, duration, duration)
+            return Round(curves, duration)
     else:
         search = Search(_swarm(mission, shapes))
         for swirl, seed in _BEGINNINGS:
             found, _, broken = _settled(mission, search, search.begin(swirl, seed), 1, lambda: False)
             if found is not None:
-                return Round(found, duration, duration)
+                return Round(found, duration)
     raise FlatsatError(
         f"way-points at these times: no references found that keep the limits; last was broken: {broken}"
     )
@@ -169,14 +169,14 @@ def _broken(mission: Mission, curves: tuple[Curve, ...]) -> str | None:
         return None
     asked = [math.ceil(_asked(mission, i, j) * UNIT) for i in range(len(curves)) for j in range(i + 1, len(curves))]
     found = closest(curves, mission.downwash, np.array(asked, dtype=np.int64))
-    short = np.array(asked) - found.distance
-    worst = int(short.argmax())
-    if short[worst] <= 0:
+    missed = np.flatnonzero(found.distance < np.array(asked))
+    if not missed.size:
         return None
-    first, second = (mission.drones[int(side[worst])].name for side in (found.first, found.second))
+    first, second = int(found.first[missed[0]]), int(found.second[missed[0]])
+    exact = closest([curves[first], curves[second]], mission.downwash)
     return (
-        f"{first}, {second}: distance {found.distance[worst] / UNIT:.4g} m at about t = {found.start[worst]:.4g} s, "
-        f"{asked[worst] / UNIT:.4g} m are asked for"
+        f"{mission.drones[first].name}, {mission.drones[second].name}: distance {exact.distance[0] / UNIT:.4g} m at "
+        f"about t = {exact.start[0]:.4g} s, {asked[missed[0]] / UNIT:.4g} m are asked for"
     )
 
 

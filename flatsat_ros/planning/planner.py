@@ -22,12 +22,12 @@ class Round:
     Attributes:
         curves: one for each drone.
         duration: s.
-        bound: s, no references of this spline space are shorter; 0 where none is known.
+        bound: s; no references with these knots in proportion are shorter. None where the times are given.
     """
 
     curves: tuple[Curve, ...]
     duration: float
-    bound: float
+    bound: float | None = None
 
 
 def plan(mission: Mission, seconds: float = SECONDS, progress: Callable[[Round], None] | None = None) -> Plan:
@@ -72,11 +72,9 @@ def _finished(mission: Mission, found: Round) -> Plan:
         )
         for drone, curve in zip(mission.drones, found.curves, strict=True)
     ]  # fmt: skip
-    provenance = {
-        "package": f"flatsat_ros {__version__}",
-        "solver": f"Clarabel {version('clarabel')}",
-        "bound": f"{found.bound:.6f} s: the slowest drone alone, with the same knots in proportion and the same limits",
-    }
+    provenance = {"package": f"flatsat_ros {__version__}", "solver": f"Clarabel {version('clarabel')}"}
+    if found.bound is not None:
+        provenance["bound"] = f"{found.bound:.6f} s: the slowest drone alone, same limits, same knots in proportion"
     made = Plan.of(
         drones, name=mission.name, certificate=mission.certificate, limits=mission.limits, bounds=mission.bounds,
         downwash=mission.downwash, clearance=mission.clearance, provenance=provenance,

@@ -195,8 +195,9 @@ class Plan:
             distance, required = pair.distance * unit, self.required(first, second)
             what = f"plan {self.name!r}: '{pair.first}, {pair.second}: distance'"
             if found.distance[number] < stated[number]:
+                exact = closest([first.curve, second.curve], self.downwash)
                 raise FlatsatError(
-                    f"{what} is {found.distance[number] / UNIT:.6g} m at t = {found.start[number]:.4f} s: must be "
+                    f"{what} is {exact.distance[0] / UNIT:.6g} m at t = {exact.start[0]:.4f} s: must be "
                     f"{float(distance):.4f} m as stated"
                 )
             if distance < required:

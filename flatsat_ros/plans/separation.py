@@ -54,8 +54,8 @@ def closest(
     Args:
         curves: one for each drone; all start at the same time, and each stands still after its end.
         downwash: how many times as far drones keep apart along the vertical.
-        goals: (P,) UNIT for one metre, distances that would be enough: a pair that keeps its goal is not looked at any
-            closer. By default each distance is found up to the tolerance.
+        goals: (P,) UNIT for one metre, distances that would be enough: a pair is not looked at any closer once it is
+            known whether it keeps its goal. By default each distance is found up to the tolerance.
         tolerance: m.
     """
     edges = sorted({knot for curve in curves for knot in curve.knots})
@@ -74,9 +74,8 @@ def closest(
         ends = np.minimum(*(np.sqrt((differences[:, k].astype(np.float64) ** 2).sum(axis=1)) for k in (0, -1)))
         np.minimum.at(nearest, pair, ends)
         target = nearest - tolerance * UNIT if goals is None else goals
-        done = bounds >= target[pair]
-        if halving == _HALVINGS:
-            done[:] = True
+        hopeless = np.zeros_like(target, dtype=bool) if goals is None else nearest < goals - error
+        done = (bounds >= target[pair]) | hopeless[pair] | (halving == _HALVINGS)
         order = np.flatnonzero(done)[np.argsort(-bounds[done], kind="stable")]  # the smallest of a pair comes last
         order = order[bounds[order] < best[pair[order]]]
         best[pair[order]], start[pair[order]] = bounds[order], left[order]

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
@@ -148,6 +148,17 @@ def nearest_move(plan: Plan, length: float) -> tuple[list[float], int]:
     scaled = difference / [1.0, 1.0, plan.downwash]
     span = int(np.searchsorted(plan.drones[0].curve.knots, pair.start, side="right")) - 1
     return (length * scaled / np.linalg.norm(scaled) * [1.0, 1.0, plan.downwash]).tolist(), span
+
+
+@given(st.floats(1.01, 4.0), st.sampled_from(["cf1", "cf2"]), st.integers(0, 2), st.integers(0, 2))
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_no_bent_plan_is_taken(crossing: Plan, factor: float, name: str, before: int, after: int) -> None:
+    slack = crossing.verify()["cf1, cf2: distance (m)"]
+    move, span = nearest_move(crossing, factor * slack if name == "cf1" else -factor * slack)
+    mutant = bent(crossing, name, move, max(4, span - before), min(13, span + 6 + after))
+    loose = replace(BOUNDS, margin=1e-3, jerk_max=100.0, snap_max=1000.0)
+    with pytest.raises(FlatsatError, match="'cf1, cf2: distance' is 0"):
+        replace(mutant, bounds=loose).verify()
 
 
 @pytest.mark.parametrize("factor", [1.05, 2.0, 4.0])
