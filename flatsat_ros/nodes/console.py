@@ -18,15 +18,14 @@ from typing import Any, TypeGuard
 from rcl_interfaces.srv import SetParameters
 from rclpy.client import Client
 from rclpy.publisher import Publisher
-from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from std_srvs.srv import Empty, SetBool, Trigger
 
-from flatsat_ros.base.errors import FlatsatError, quoted, refusal
+from flatsat_ros.base.errors import FlatsatError, one_line, quoted, refusal, require
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.nodes.ros import cdr, interfaces, messages
-from flatsat_ros.nodes.ros.parameters import declare, require_known_parameters
+from flatsat_ros.nodes.ros.parameters import declare, require_known_parameters, require_robot_names
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 from flatsat_ros.viewing.page import console, plain
 from flatsat_ros.viewing.server import ConsoleServer, Stream
@@ -34,6 +33,8 @@ from flatsat_ros.viewing.server import ConsoleServer, Stream
 NODE = "flatsat_console"
 _PERIOD = 0.05  # s, between two pictures
 _LINES = 200  # of the log, kept for pages that come later
+_LINE_LENGTH = 4000  # characters
+_ROBOTS = 200  # at most: for each there are topics
 _READY = 2.0  # s, that a service has to be there
 _REFUSED = 0.4  # s, within which the controller refuses a goal, if it does
 _LOOK = 0.02  # s
@@ -117,8 +118,8 @@ class Console(ProgramNode):
         self._newest.clear()
 
     def _on_setup(self, data: bytes) -> None:
-        found = json.loads(messages.text_from_message(deserialize_message(data, interfaces.SETUP.kind)))
-        robots = [str(robot) for robot in found.get("robot_names", [])]
+        found = _setup(messages.text_from_message(cdr.message_from_cdr(data, interfaces.SETUP.kind)))
+        robots = found.get("robot_names", [])
         self._setup = found
         if robots != self._robots:
             self._robots = robots
@@ -130,13 +131,14 @@ class Console(ProgramNode):
         self._newest[robot, suffix] = time.monotonic(), data
 
     def _on_line(self, data: bytes) -> None:
-        level, name, text = messages.line_from_message(deserialize_message(data, interfaces.LOG.kind))
+        level, name, text = messages.line_from_message(cdr.message_from_cdr(data, interfaces.LOG.kind))
         self._line_number += 1
-        self._lines.append({"number": self._line_number, "level": level, "text": f"{name}: {text}"})
+        line = f"{name}: {text}"[:_LINE_LENGTH]
+        self._lines.append({"number": self._line_number, "level": level, "text": line})
 
     def _on_refusal(self, data: bytes) -> None:
-        text = messages.text_from_message(deserialize_message(data, interfaces.REFUSALS.kind))
-        self._refusals.append((time.monotonic(), text))
+        text = messages.text_from_message(cdr.message_from_cdr(data, interfaces.REFUSALS.kind))
+        self._refusals.append((time.monotonic(), one_line(text)))
 
     def _show(self) -> None:
         now = time.monotonic()
@@ -174,7 +176,7 @@ class Console(ProgramNode):
             raise refusal("who", who, "", f"one of {', '.join([*self._robots, interfaces.ALL])}")
         if what in interfaces.TRIGGERS:
             self._ask(Trigger, interfaces.service_of(who, what), Trigger.Request(), answer)
-        elif what in _ARMING:
+        elif isinstance(what, str) and what in _ARMING:
             request = messages.arming_request(SetBool, _ARMING[what])
             self._ask(SetBool, interfaces.service_of(who, interfaces.ARM), request, answer)
         elif what == interfaces.EMERGENCY:
@@ -265,15 +267,36 @@ class Console(ProgramNode):
         self._ask(SetParameters, f"{interfaces.CONTROLLER_NODE}/set_parameters", request, answer)
 
 
+def _setup(text: str) -> dict[str, Any]:
+    """Return what a controller says of itself, by name: words, numbers and lists of them.
+
+    Raises:
+        FlatsatError: it is something else, or its robots are none.
+    """
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise refusal("setup", text, "", "JSON") from error
+    require(isinstance(found, dict), "setup", found, "", "an object")
+    for name, value in found.items():
+        flat = not any(isinstance(entry, (dict, list)) for entry in (value if isinstance(value, list) else [value]))
+        require(flat, f"{quoted(name)} of the setup", value, "", "a word, a number or a list of them")
+    names = found.get("robot_names", [])
+    named = isinstance(names, list) and all(isinstance(name, str) for name in names) and len(names) <= _ROBOTS
+    require(named, "robot_names", names, "", f"a list of at most {_ROBOTS} names")
+    require_robot_names(names)
+    return dict(found)
+
+
 def _values(suffix: str, data: bytes) -> list[float]:
     """Return what a message of a robot's topic says."""
     if suffix == interfaces.POSE.suffix:
         _, position, turn = cdr.pose_from_cdr(data)
         return [*position, *turn]
     if suffix == interfaces.TELEMETRY.suffix:
-        row = messages.telemetry_from_message(deserialize_message(data, interfaces.TELEMETRY.kind)).tolist()
+        row = messages.telemetry_from_message(cdr.message_from_cdr(data, interfaces.TELEMETRY.kind)).tolist()
         return row if len(row) == len(FIELDS) else []
-    return [messages.voltage_from_message(deserialize_message(data, interfaces.BATTERY.kind))]
+    return [messages.voltage_from_message(cdr.message_from_cdr(data, interfaces.BATTERY.kind))]
 
 
 def _is_number(value: object) -> TypeGuard[float]:

@@ -8,10 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fuzzing.damage import corrupted
-from fuzzing.kind import require_one_line
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -128,29 +124,10 @@ def test_a_second_source_of_the_same_drone_is_left_out_and_said(tmp_path: Path) 
     assert flight.notes[0] == "cf1: there are several sources of pose; /cf1/pose is not shown."
 
 
-@pytest.fixture(scope="module")
-def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The file of a bag with twenty poses."""
-    folder = tmp_path_factory.mktemp("bags") / "bag"
-    return write(folder, [("/cf1/pose", stamped(float(i))) for i in range(20)]) / "bag.mcap"
-
-
 def test_a_bag_without_drones_is_refused(tmp_path: Path) -> None:
     folder = write(tmp_path / "bag", [("/chatter", T["std_msgs/msg/String"]("hello"))])
     with pytest.raises(FlatsatError, match="nothing in it can be shown"):
         read_flight(folder)
-
-
-@settings(max_examples=100)
-@given(data=st.data())
-def test_a_damaged_bag_is_read_or_refused_in_one_line(sound: Path, data: st.DataObject) -> None:
-    whole = sound.read_bytes()
-    damaged = sound.with_name("damaged.mcap")
-    damaged.write_bytes(data.draw(corrupted(whole)))
-    try:
-        read_flight(damaged)
-    except FlatsatError as refused:
-        require_one_line(refused, damaged)
 
 
 def test_the_program_writes_the_page_beside_the_bag_and_says_so(

@@ -9,14 +9,17 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar, cast
 
 import numpy as np
+from rclpy.serialization import deserialize_message
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.errors import FlatsatError, refusal, require
+from flatsat_ros.base.errors import FlatsatError, one_line, refusal, require
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.ros.messages import NANOSECONDS
+
+M = TypeVar("M")
 
 # a trajectory's points: decoding, joining and checking so many takes less than a tick of 10 ms
 POINTS_MAX = 2000
@@ -69,6 +72,18 @@ def pose_from_cdr(data: bytes) -> Pose:
     except struct.error as error:
         raise FlatsatError(f"{len(data)} bytes are not a serialised PoseStamped: {error}") from error
     return Pose(sec * NANOSECONDS + nanosec, values[:3], values[3:])
+
+
+def message_from_cdr(data: bytes, kind: type[M]) -> M:
+    """Return a message of a kind from its bytes, for kinds that come seldom and are short.
+
+    Raises:
+        FlatsatError: the bytes are not such a message.
+    """
+    try:
+        return cast(M, deserialize_message(data, kind))
+    except Exception as error:  # of rmw, or of Python for text that is not UTF-8
+        raise FlatsatError(f"{len(data)} bytes are not a serialised {kind.__name__}: {one_line(str(error))}") from error
 
 
 def frame_from_cdr(data: bytes) -> bytes:

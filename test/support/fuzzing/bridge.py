@@ -39,7 +39,7 @@ from flatsat_ros.nodes.ros import messages
 from fuzzing.cdr import poses
 from fuzzing.damage import FLOATS
 from fuzzing.kind import Attempt, Kind
-from fuzzing.nodes import own_context, silenced
+from fuzzing.nodes import arguments, own_context, silenced
 from fuzzing.sequence import Item, decoded, sequences
 
 _LOG, _LOG_DATA = 5, 2
@@ -124,10 +124,9 @@ def _bridge(folder: Path) -> Iterator[CflibBridge]:
     with ExitStack() as stack:
         stack.enter_context(mock.patch.dict(os.environ, XDG_CACHE_HOME=str(folder)))
         stack.enter_context(mock.patch.object(Link, "start"))
-        arguments = ["pose_rate:=100.0", "external_pose:=pose", f"uris:=['{uri}']"]
-        words = [word for argument in arguments for word in ("-p", argument)]
+        parameters = ("pose_rate:=100.0", "external_pose:=pose", f"uris:=['{uri}']")
         with own_context():
-            rclpy.init(args=["cflib_bridge", "--ros-args", *words])
+            rclpy.init(args=arguments("cflib_bridge", f"bridge{next(_numbers)}", *parameters))
             node = CflibBridge()
         stack.enter_context(silenced(node))
         for claim in node._claims:
@@ -198,7 +197,7 @@ def _open_topics(folder: Path) -> Iterator[Attempt]:
     """What is asked for on the topics: each packet that goes out has finite numbers, and nothing ends the link."""
     with _bridge(folder) as node:
         (link,) = node.links
-        commands = {s.topic_name: s.callback for s in node.subscriptions}
+        commands = {s.topic_name.rpartition("/")[2]: s.callback for s in node.subscriptions}
         refused: list[str] = []
 
         def note(name: str, error: Exception) -> None:
@@ -217,9 +216,9 @@ def _open_topics(folder: Path) -> Iterator[Attempt]:
                 if code % 2 == _SETPOINT:
                     message = Twist()
                     messages.fill_command(message, WireSetpoint(*struct.unpack("<4d", content[:32].ljust(32, b"\0"))))
-                    commands["/cf1/cmd_vel_legacy"](message)
+                    commands["cmd_vel_legacy"](message)
                 else:
-                    commands["/cf1/mocap_pose"](content)
+                    commands["mocap_pose"](content)
                 link.outbox._queue._sent.clear()
                 link.outbox._queue._last = -math.inf  # nothing has to wait
                 link.outbox.send(_CflibSender(cf), time.monotonic())

@@ -12,12 +12,20 @@ from rclpy.logging import LoggingSeverity
 from flatsat_ros.nodes.ros.runtime import ProgramNode
 
 
+def arguments(program: str, namespace: str, *parameters: str) -> list[str]:
+    """Return a command line of a program in a namespace: none of the others in this process is its rival."""
+    given = [word for parameter in parameters for word in ("-p", parameter)]
+    return [program, "--ros-args", "-r", f"__ns:=/{namespace}", *given]
+
+
 @contextmanager
-def own_context() -> Iterator[rclpy.Context]:
-    """A context that is the default one, for rclpy.init and new nodes, while this lasts; see `silenced` for its end."""
-    context = rclpy.Context()
-    with mock.patch("rclpy.utilities.g_default_context", context):
-        yield context
+def own_context(context: rclpy.Context | None = None) -> Iterator[None]:
+    """Let a context, a new one by default, be the default one for rclpy.init, nodes and timers that are made meanwhile.
+
+    `silenced` ends it.
+    """
+    with mock.patch("rclpy.utilities.g_default_context", context or rclpy.Context()):
+        yield
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from flatsat_ros.nodes.controller_node import ControllerNode
 from flatsat_ros.nodes.ros.runtime import run
 from fuzzing.damage import NUMBERS, damaged
 from fuzzing.kind import Attempt, Kind, rewrite
-from fuzzing.nodes import own_context
+from fuzzing.nodes import arguments, own_context
 
 EXAMPLE = """
 /**:
@@ -86,7 +86,9 @@ def _open(folder: Path) -> Iterator[Attempt]:
         rewrite(file, data)
         said: list[str] = []
         with own_context(), mock.patch("flatsat_ros.nodes.ros.runtime._refuse", side_effect=said.append):
-            code = run(_Brief, ["controller", "--ros-args", "--log-level", "FATAL", "--params-file", str(file)])
+            code = run(
+                _Brief, [*arguments("controller", "parameters"), "--log-level", "FATAL", "--params-file", str(file)]
+            )
         if code == 0:
             return True
         (reason,) = said

@@ -18,7 +18,7 @@ from flatsat_ros.nodes.fault_relay import COMMAND_FAULTS, POSE_FAULTS, FaultRela
 from flatsat_ros.nodes.ros import messages
 from fuzzing.damage import FLOATS
 from fuzzing.kind import Attempt, Kind
-from fuzzing.nodes import own_context, silenced
+from fuzzing.nodes import arguments, own_context, silenced
 from fuzzing.sequence import Item, decoded, sequences
 
 _POSE, _COMMAND, _FAULT = range(3)
@@ -41,7 +41,7 @@ _ITEMS: st.SearchStrategy[Item] = st.one_of(
 @contextmanager
 def _open(_: Path) -> Iterator[Attempt]:
     with own_context():
-        rclpy.init(args=["fault_relay", "--ros-args", "-p", "robot_names:=[cf1, cf2]"])
+        rclpy.init(args=arguments("fault_relay", "relay", "robot_names:=[cf1, cf2]"))
         node = FaultRelay()
     callbacks = {s.topic_name.rpartition("/")[2]: s.callback for s in node.subscriptions if "cf1" in s.topic_name}
     refused: list[str] = []

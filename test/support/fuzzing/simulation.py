@@ -31,7 +31,7 @@ from flatsat_ros.nodes.sim_drone import SimDrone
 from flatsat_ros.sim.fleet import SimulatedFleet
 from fuzzing.damage import FLOATS
 from fuzzing.kind import Attempt, Kind
-from fuzzing.nodes import own_context, silenced
+from fuzzing.nodes import arguments, own_context, silenced
 from fuzzing.sequence import Item, decoded, sequences
 
 EPOCH = 1_700_000_000 * NANOSECONDS
@@ -102,7 +102,7 @@ class _Simulated:
         self._now += nanoseconds
         message = Twist()
         messages.fill_command(message, WireSetpoint(0.0, 0.0, 0.0, self._hover))
-        self._callbacks["/cf2/cmd_vel_legacy"](message)
+        self._callbacks["/simulation/cf2/cmd_vel_legacy"](message)
         self.node._advance()
 
     def _deliver(self, code: int, content: bytes) -> None:
@@ -110,7 +110,7 @@ class _Simulated:
         if code == _COMMAND:
             message = Twist()
             messages.fill_command(message, WireSetpoint(x, y, z, yaw))
-            self._callbacks["/cf1/cmd_vel_legacy"](message)
+            self._callbacks["/simulation/cf1/cmd_vel_legacy"](message)
         elif code == _JUMP:
             seconds = x if math.isfinite(x) else 0.0
             self._now = max(self._now + round(max(min(seconds, 1e6), -1e6) * NANOSECONDS), 0)
@@ -132,7 +132,7 @@ class _Simulated:
 @contextmanager
 def _open(_: Path) -> Iterator[Attempt]:
     with own_context():
-        rclpy.init(args=["sim_drone", "--ros-args", "-p", "robot_names:=[cf1, cf2]"])
+        rclpy.init(args=arguments("sim_drone", "simulation", "robot_names:=[cf1, cf2]"))
         node = SimDrone()
     with silenced(node):
         yield _Simulated(node).attempt
