@@ -64,6 +64,11 @@ class Box:
         """The figures that vary, and between which values."""
         return {name: pair for name, pair in self._pairs().items() if pair[0] < pair[1]}
 
+    def constants(self, lag_varies: bool) -> tuple[str, ...]:
+        """Return the figures that are between two values and do not change in flight."""
+        changing = ("lag", "frequency", "damping") if lag_varies else ()
+        return tuple(name for name in self.spread if name not in changing)
+
     def halves(self, name: str, period: float) -> tuple[Box, Box]:
         """Cut the box in two across one figure; a delay is cut at a whole period if there is one inside.
 

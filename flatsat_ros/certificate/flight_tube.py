@@ -129,7 +129,9 @@ class Tube:
         return Tube(*(max(getattr(self, f.name), getattr(other, f.name)) for f in fields(Tube)))
 
 
-def cell_tube(design: Design, box: Box, gain_min: float, gain_max: float, assumptions: Assumptions) -> Tube:
+def cell_tube(
+    design: Design, box: Box, gain_min: float, gain_max: float, assumptions: Assumptions, lag_varies: bool = False
+) -> Tube:
     """Return the tube of all plants of a box, as one cell.
 
     Args:
@@ -138,6 +140,7 @@ def cell_tube(design: Design, box: Box, gain_min: float, gain_max: float, assump
         gain_min: smallest applied gain k, which may be another at every tick.
         gain_max: largest applied gain.
         assumptions: bounds of the inputs.
+        lag_varies: whether lag, frequency and damping change in flight, within the box; if so the tube is larger.
 
     Returns:
         Bounds; infinite ones if the small gain argument does not hold for so large a cell.
@@ -149,11 +152,19 @@ def cell_tube(design: Design, box: Box, gain_min: float, gain_max: float, assump
         raise FlatsatError(f"delays from {box.low.delay} to {box.high.delay} s: must have no whole period inside")
     if not 0.0 < gain_min <= gain_max:
         raise refusal("gain_min", gain_min, "", f"above 0 and at most gain_max, {gain_max:g}")
-    return _Bounds(Cell(design, box), (gain_min + gain_max) / 2.0, (gain_max - gain_min) / 2.0).tube(box, assumptions)
+    return _Bounds(Cell(design, box), (gain_min + gain_max) / 2.0, (gain_max - gain_min) / 2.0).tube(
+        box, assumptions, lag_varies
+    )
 
 
 def box_tube(
-    design: Design, box: Box, cuts: Sequence[str], gain_min: float, gain_max: float, assumptions: Assumptions
+    design: Design,
+    box: Box,
+    cuts: Sequence[str],
+    gain_min: float,
+    gain_max: float,
+    assumptions: Assumptions,
+    lag_varies: bool = False,
 ) -> Tube:
     """Return the tube of all plants of a box that is cut into cells.
 
@@ -165,6 +176,7 @@ def box_tube(
         gain_min: smallest applied gain k.
         gain_max: largest applied gain.
         assumptions: bounds of the inputs.
+        lag_varies: as for `cell_tube`; across these figures there must be no cut.
 
     Raises:
         FlatsatError: as `cell_tube`; or the cuts leave parts over, go on without any, or name no figure of a part.
@@ -175,11 +187,12 @@ def box_tube(
             raise refusal("number of cuts", len(cuts), "", "no more than there are parts")
         part = waiting.pop()
         if name:
-            if name not in part.spread:
-                raise refusal("a cut", name, "", f"one of {', '.join(part.spread)}, which vary in its part")
+            possible = part.constants(lag_varies)
+            if name not in possible:
+                raise refusal("a cut", name, "", f"one of {', '.join(possible)}, the figures to cut its part across")
             waiting.extend(reversed(part.halves(name, design.period)))
         else:
-            tube |= cell_tube(design, part, gain_min, gain_max, assumptions)
+            tube |= cell_tube(design, part, gain_min, gain_max, assumptions, lag_varies)
     if waiting:
         raise refusal("number of cuts", len(cuts), "", f"more, {len(waiting)} parts are left")
     return tube
@@ -267,8 +280,8 @@ class _Bounds:
             begin += x + len(stretch.nodes) * m
         return bound + np.abs(cell.on_state) @ leak, bend + float(np.abs(cell.loop.plant.system[0])[1] @ leak)
 
-    def tube(self, box: Box, assumptions: Assumptions) -> Tube:
-        """Return what is proved of a box."""
+    def tube(self, box: Box, assumptions: Assumptions, lag_varies: bool) -> Tube:
+        """Return what is proved of a box; of one whose lag varies the derivatives say nothing."""
         cell, loop, plain = self.cell, self.cell.loop, self.plain
         h, model = loop.design.period, loop.design.model
         if not np.isfinite(plain).all():
@@ -300,7 +313,9 @@ class _Bounds:
                 pulse=late * (cell.port_gain * rest[4] + cell.port_gain_error * difference),
             )
             second[self.part["plant"]] += late_shape * difference
-            tracked = np.minimum(whole[:4], (self.vertex @ first).max(axis=0) + plain[:4] @ second)
+            tracked = whole[:4]
+            if not lag_varies:
+                tracked = np.minimum(tracked, (self.vertex @ first).max(axis=0) + plain[:4] @ second)
             following = np.array([moved @ signals, whole[4], self.deviation * tracked[2]])
             return tracked, following, bend + h * rate
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass, replace
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.flight_cell import Box
-from flatsat_ros.certificate.flight_loop import Design, Plant
+from flatsat_ros.certificate.flight_loop import Design
 from flatsat_ros.certificate.flight_tube import Assumptions, Tube, box_tube, cell_tube
 
 # How much one figure matters against another, per width relative to its value; only the number of cells depends on it.
@@ -29,19 +30,28 @@ class Cover:
     corners: Tube
 
 
-def corners(box: Box) -> list[Plant]:
-    """Return the plants of which every figure is the least or the largest of a box."""
-    spread = box.spread
-    return [
-        replace(box.low, **dict(zip(spread, values, strict=True))) for values in itertools.product(*spread.values())
-    ]
+def corners(box: Box, lag_varies: bool = False) -> list[Box]:
+    """Return the boxes in which every figure that does not change in flight is the least or the largest of a box.
+
+    Args:
+        box: the plants.
+        lag_varies: whether lag, frequency and damping change in flight.
+    """
+    names, spread = box.constants(lag_varies), box.spread
+    values = [dict(zip(names, ends, strict=True)) for ends in itertools.product(*(spread[name] for name in names))]
+    return [Box(replace(box.low, **ends), replace(box.high, **ends)) for ends in values]
 
 
-def corner_tube(design: Design, box: Box, gain_min: float, gain_max: float, assumptions: Assumptions) -> Tube:
-    """Return the tube of the corners of a box alone; of the plants between it says nothing."""
+def corner_tube(
+    design: Design, box: Box, gain_min: float, gain_max: float, assumptions: Assumptions, lag_varies: bool = False
+) -> Tube:
+    """Return the tube of the corners of a box alone; of the plants between it says nothing.
+
+    The arguments are those of `cover`.
+    """
     tube = Tube(0.0, 0.0, 0.0, 0.0)
-    for plant in corners(box):
-        tube |= cell_tube(design, Box(plant, plant), gain_min, gain_max, assumptions)
+    for corner in corners(box, lag_varies):
+        tube |= cell_tube(design, corner, gain_min, gain_max, assumptions, lag_varies)
     return tube
 
 
@@ -51,6 +61,7 @@ def cover(
     gain_min: float,
     gain_max: float,
     assumptions: Assumptions,
+    lag_varies: bool = False,
     excess: float = 0.05,
     cells_max: int = 2000,
 ) -> Cover:
@@ -62,38 +73,41 @@ def cover(
         gain_min: smallest applied gain.
         gain_max: largest applied gain.
         assumptions: bounds of the inputs.
+        lag_varies: whether lag, frequency and damping change in flight.
         excess: relative.
         cells_max: more are not made.
 
     Raises:
         FlatsatError: a corner has no tube, or so many cells do not do.
     """
-    worst = corner_tube(design, box, gain_min, gain_max, assumptions)
+    worst = corner_tube(design, box, gain_min, gain_max, assumptions, lag_varies)
     aim = worst.position * (1.0 + excess)
-    if not worst.position < 1e3:
-        raise FlatsatError(f"tube of a corner of the box = {worst.position:g} m: must be bounded, with other gains")
+    if not worst.position < math.inf:
+        raise FlatsatError("tube of a corner of the box = inf m: must be bounded, with other gains or a smaller box")
     cuts: list[str] = []
     waiting = [box]
     while waiting:
         part = waiting.pop()
-        name = _next_cut(part, design.period)
-        whole = part.within_periods(design.period)
-        if whole and (not name or cell_tube(design, part, gain_min, gain_max, assumptions).position <= aim):
-            cuts.append("")
-            continue
+        whole, name = part.within_periods(design.period), _next_cut(part, design.period, lag_varies)
+        if whole:
+            tube = cell_tube(design, part, gain_min, gain_max, assumptions, lag_varies)
+            if not name or tube.position <= aim:
+                cuts.append("")
+                continue
         cuts.append(name)
         waiting.extend(reversed(part.halves(name, design.period)))
         if len(cuts) > 2 * cells_max:
             raise FlatsatError(f"cells = more than {cells_max}: must be fewer, with a larger excess than {excess:g}")
-    return Cover(tuple(cuts), box_tube(design, box, cuts, gain_min, gain_max, assumptions), worst)
+    proved = box_tube(design, box, cuts, gain_min, gain_max, assumptions, lag_varies)
+    return Cover(tuple(cuts), proved, worst)
 
 
-def _next_cut(box: Box, period: float) -> str:
+def _next_cut(box: Box, period: float, lag_varies: bool) -> str:
     """Return the figure across which a cell is widest, in what it does to the loop; empty for a single plant."""
     if not box.within_periods(period):
         return "delay"
-    widths = {
-        name: (high - low) / (period if name == "delay" else high) * _WEIGHTS.get(name, 1.0)
-        for name, (low, high) in box.spread.items()
-    }
+    widths = {}
+    for name in box.constants(lag_varies):
+        low, high = box.spread[name]
+        widths[name] = (high - low) / (period if name == "delay" else high) * _WEIGHTS.get(name, 1.0)
     return max(widths, key=lambda name: widths[name], default="")

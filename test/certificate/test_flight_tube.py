@@ -90,6 +90,24 @@ def test_for_one_plant_and_one_gain_the_tube_is_what_an_attack_reaches(order: st
     assert nominal <= tube.nominal <= 1.01 * nominal
 
 
+def test_no_attack_leaves_the_tube_while_the_lag_changes() -> None:
+    box, random = BOXES["first"], np.random.default_rng(3)
+    tube = cell_tube(FIRST, box, 1.0, 1.5, STILL, lag_varies=True)
+    assert tube.position > cell_tube(FIRST, box, 1.0, 1.5, STILL).position
+    # rising thrust lags more than falling one, say: the lag is another in every period
+    loops = [FlightLoop(FIRST, Plant(0.03, lag, gain=0.99)) for lag in (box.low.lag, box.high.lag)]
+    steps = [loop.matrix(gain) for loop in loops for gain in (1.0, 1.5)]
+    rate = STILL.rate(FIRST.model, loops[0].plant, loops[0].plant) * PERIOD * loops[0].rate_input(PERIOD / 2.0)
+    columns = np.array([rate, STILL.noise * loops[0].noise_input]).T
+    for _ in range(10):
+        rows, reached = np.array([np.eye(loops[0].size)[0], loops[0].feedback]), np.zeros(2)
+        for choice in random.integers(4, size=500):
+            reached += np.abs(rows @ columns).sum(axis=1)
+            rows = rows @ steps[choice]
+        assert reached[0] <= tube.position
+        assert reached[1] <= tube.nominal
+
+
 @given(seed=st.integers(0, 2**32 - 1), order=st.sampled_from(sorted(DESIGNS)))
 @settings(max_examples=10)
 def test_every_plant_of_a_box_is_between_the_vertices_of_its_cell(seed: int, order: str) -> None:

@@ -46,7 +46,9 @@ def test_a_delay_is_cut_where_a_period_is_whole() -> None:
 
 
 def test_corners() -> None:
-    assert corners(BOX) == [Plant(d, lag) for d in (0.024, 0.036) for lag in (0.14 * 0.9, 0.14 * 1.1)]
+    plants = [Plant(d, lag) for d in (0.024, 0.036) for lag in (0.14 * 0.9, 0.14 * 1.1)]
+    assert corners(BOX) == [Box(plant, plant) for plant in plants]
+    assert corners(BOX, lag_varies=True) == [Box(plants[i], plants[i + 1]) for i in (0, 2)]
 
 
 @pytest.mark.parametrize(
@@ -54,7 +56,7 @@ def test_corners() -> None:
     [
         (("lag", ""), "number of cuts = 2: must be more, 1 parts are left"),
         (("lag", "", "", ""), "number of cuts = 4: must be no more than there are parts"),
-        (("gain", "", ""), "a cut = 'gain': must be one of delay, lag"),
+        (("gain", "", ""), "a cut = 'gain': must be one of delay, lag, the figures"),
         ((), "number of cuts = 0: must be more, 1 parts are left"),
     ],
 )
@@ -69,3 +71,13 @@ def test_what_cannot_be_covered_is_refused() -> None:
         cover(DESIGN, Box(Plant(0.03, 0.04), Plant(0.03, 0.5)), 1.0, 3.0, STILL)
     with pytest.raises(FlatsatError, match="cells = more than 2: must be fewer"):
         cover(DESIGN, BOX, 1.0, 1.5, STILL, excess=0.01, cells_max=2)
+
+
+def test_a_lag_that_changes_in_flight_has_a_larger_tube_and_is_never_cut() -> None:
+    box = Box(Plant(0.03, 0.125, gain=0.97), Plant(0.03, 0.135, gain=1.03))
+    steady = cover(DESIGN, box, 1.0, 1.2, STILL)
+    varying = cover(DESIGN, box, 1.0, 1.2, STILL, lag_varies=True)
+    assert steady.tube.position < varying.tube.position <= 1.6 * steady.tube.position
+    assert set(varying.cuts) == {"gain", ""}
+    with pytest.raises(FlatsatError, match="a cut = 'lag': must be one of gain, the figures"):
+        box_tube(DESIGN, box, ("lag", "", ""), 1.0, 1.2, STILL, lag_varies=True)
