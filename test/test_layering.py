@@ -52,7 +52,7 @@ ROOMS = {
     "falsification": _room(f"{_FLOWN} planning synthesis sim nodes demo", libraries="numpy tqdm"),
     "paper": _room(f"{_FLOWN} planning synthesis sim falsification demo", libraries="numpy matplotlib tqdm"),
     "cli": _room(
-        f"{_FLOWN} plans planning synthesis sim viewing falsification demo paper",
+        f"{_FLOWN} plans planning synthesis identification sim viewing falsification demo paper",
         libraries="numpy scipy matplotlib rosbags tqdm",
     ),
     "__init__": _room(f"{_FLOWN} plans planning sim"),  # by name only: importing the package imports no room

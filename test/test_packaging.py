@@ -28,6 +28,7 @@ EXECUTABLES = [
     "demo",
     "falsify",
     "faults",
+    "identify",
     "mocap_player",
     "plan",
     "report",

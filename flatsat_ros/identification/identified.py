@@ -30,12 +30,15 @@ from flatsat_ros.identification.screening import STEP, Samples
 BANDWIDTH = 0.3189 / (REACH * STEP)  # Hz, where a mean weighted by a triangle of +-H has fallen to 1 / sqrt 2
 _DEVIATIONS = 2.2  # of the common fit: 95 % for 25 blocks
 # the largest standard deviation with which a flight or fit tells a figure: a share of the value, or in its unit
-_SHARES = {"attitude_gain": 0.1, "natural_frequency": 0.25, "damping": 0.25, "lag_and_delay": 0.2, "thrust_lag": 0.35}
-_WIDTHS = {"velocity_tilt": 0.02, "thrust_slope": 0.15, "drag_xy": 0.12, "drag_z": 0.12, "thrust_available": 0.3}
+_SHARES = {"attitude_gain": 0.1, "natural_frequency": 0.25, "damping": 0.25, "thrust_lag": 0.35}
+_WIDTHS = {
+    **{"lag_and_delay": 0.02, "velocity_tilt": 0.02, "thrust_slope": 0.15, "drag_xy": 0.12, "drag_z": 0.12},
+    **{"thrust_available": 0.3},
+}
 NAMES = (*_SHARES, *_WIDTHS)
 # what the method resolves, likewise: rows of 10 ms, a second-order attitude, one thrust lag for up and down
 _RESOLVED = {
-    **{"attitude_gain": 0.01, "natural_frequency": 0.08, "damping": 0.08, "lag_and_delay": 0.03, "thrust_lag": 0.1},
+    **{"attitude_gain": 0.01, "natural_frequency": 0.08, "damping": 0.08, "lag_and_delay": 0.005, "thrust_lag": 0.1},
     **{"velocity_tilt": 0.002, "thrust_slope": 0.02, "drag_xy": 0.03, "drag_z": 0.03, "thrust_available": 0.1},
 }
 
@@ -100,7 +103,7 @@ def identify(
     flights = [Flight.of(each) for each in samples]
     free, begin = excited(flights), _figures_of(base)
     common = fit(flights, begin, free, advance=lambda: advance("fitting all flights"))
-    told = [name for name in free if name not in NAMES or _tells(name, common, base.pwm_max)]
+    told = [name for name in free if name not in NAMES or _is_sharp(name, common, base.pwm_max)]
     if len(told) < len(free):  # what the flights do not tell must not bend the rest
         common = fit(flights, begin, told, starts=1)
     free = tuple(told)
@@ -190,9 +193,9 @@ def _figure(name: str, common: Fit, alone: Sequence[Fit], pwm_max: float) -> Fig
     if len(found) > 1:
         spread = float(np.std(np.log(found) if relative else found, ddof=1))
         width = max(width, float(student.ppf(0.975, len(found) - 1)) * spread * math.sqrt(1.0 + 1.0 / len(found)))
-    if relative:
-        return Figure(value, (value * math.exp(-width), value * math.exp(width)), len(found), estimates)
-    return Figure(value, (value - width, value + width), len(found), estimates)
+    ends = (value * math.exp(-width), value * math.exp(width)) if relative else (value - width, value + width)
+    least, most, _ = BOUNDS.get(name, (0.0, math.inf, 0.0))
+    return Figure(value, (max(ends[0], least), min(ends[1], most)), len(found), estimates)
 
 
 def _estimates(name: str, common: Fit, alone: Sequence[Fit], pwm_max: float) -> tuple[float, ...]:
@@ -236,8 +239,13 @@ def _tells(name: str, found: Fit, pwm_max: float) -> bool:
     if free and name in BOUNDS:
         least, most, step = BOUNDS[name]
         free = least + 0.01 * step < value < most - 0.01 * step
-    limit = _SHARES[name] * value if name in _SHARES else _WIDTHS[name]
-    return free and _deviation(name, found, pwm_max) <= limit
+    return free and _is_sharp(name, found, pwm_max)
+
+
+def _is_sharp(name: str, found: Fit, pwm_max: float) -> bool:
+    """Tell whether the residuals of a fit leave little doubt about a figure."""
+    limit = _SHARES[name] * _value(name, found, pwm_max) if name in _SHARES else _WIDTHS[name]
+    return _deviation(name, found, pwm_max) <= limit
 
 
 def _disturbances(common: Fit, flights: Sequence[Flight]) -> tuple[FloatArray, FloatArray]:

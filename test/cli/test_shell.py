@@ -17,12 +17,13 @@ import pytest
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.interrupts import STOPPING, signals_held
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.cli import demo, falsify, faults, plan, reproduce, shell, synthesize
+from flatsat_ros.cli import demo, falsify, faults, identify, plan, reproduce, shell, synthesize
 
 PROGRAMS = {
     "demo": demo.main,
     "falsify": falsify.main,
     "faults": faults.main,
+    "identify": identify.main,
     "plan": plan.main,
     "reproduce": reproduce.main,
     "synthesize": synthesize.main,

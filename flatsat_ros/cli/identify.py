@@ -1,0 +1,169 @@
+"""`ros2 run flatsat_ros identify`: from flight logs to a vehicle profile, each figure with an interval."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from flatsat_ros.cli import shell
+
+if TYPE_CHECKING:
+    from flatsat_ros.identification.columns import ColumnMap
+    from flatsat_ros.identification.log import FlightLog
+
+_BASE = "cf21"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Identify a drone; 0 if that went well, see `shell` for the others."""
+    return shell.run(_parser, _run, argv)
+
+
+def _parser() -> shell.Parser:
+    parser = shell.Parser(
+        "identify",
+        "Identify a drone from logs of its flights: thrust, attitude, delay, drag, noise and disturbance, each with an "
+        "interval for other flights of the same drone. Writes a vehicle profile and a page of pictures.",
+        "logs: CSV of a known form or described by --columns, or bags with poses and cmd_vel_legacy of one drone. "
+        "example: identify flight1.csv flight2.csv --output my_drone.yaml",
+    )
+    parser.add_argument("logs", nargs="+", type=shell.path, metavar="LOG", help="a CSV file, or a bag")
+    parser.add_argument("--output", type=shell.path, metavar="FILE", help="vehicle profile to write, a .yaml file")
+    parser.add_argument(
+        "--base", metavar="NAME_OR_PATH", default=_BASE, help="profile of its kind, for what logs do not tell (cf21)"
+    )
+    parser.add_argument(
+        "--columns", metavar="NAME_OR_PATH", help="column map of the CSV files (default: by the header)"
+    )
+    parser.add_argument("--drone", metavar="NAME", help="whose flight, of a bag with several")
+    parser.add_argument(
+        "--backend",
+        choices=("cpp", "cflib"),
+        help="crazyswarm2's, which gives the sign of pitch in bags (default: cpp)",
+    )
+    parser.add_argument("--pictures", type=shell.path, metavar="FILE", help="page to draw: .png, .pdf or .svg")
+    parser.add_argument("--force", action="store_true", help="overwrite the output")
+    return parser
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
+    from flatsat_ros.base.files import check_writable
+    from flatsat_ros.base.strict_yaml import write_yaml
+    from flatsat_ros.crazyflie.vehicle import load_vehicle, profile_document
+    from flatsat_ros.identification.columns import load_columns
+    from flatsat_ros.identification.identified import identify, profile_of
+    from flatsat_ros.identification.report import draw, lines, screening_lines
+    from flatsat_ros.identification.screening import screen
+
+    _check_output(arguments)
+    if arguments.pictures is not None:
+        check_writable(arguments.pictures)
+    base = load_vehicle(arguments.base)
+    columns = None if arguments.columns is None else load_columns(arguments.columns)
+    samples = []
+    for path in arguments.logs:
+        samples.append(screen(_read(path, columns, arguments)))
+        print("\n".join(screening_lines(samples[-1])), flush=True)
+    with tqdm(total=4 + len(samples), unit=" fits", desc="identify", leave=False) as bar:
+
+        def advance(what: str) -> None:
+            bar.set_description(what)
+            bar.update(1)
+
+        found = identify(samples, base, advance)
+    print("\n".join(lines(found, base)))
+    if arguments.pictures is not None:
+        draw(found, arguments.pictures)
+        print(f"  drawn to {arguments.pictures}")
+    if arguments.output is not None:
+        profile = profile_of(found, base, arguments.output.stem)
+        names = ", ".join(each.name for each in samples)
+        header = (
+            f"# Identified on {base.name} from {len(samples)} flights: {names}.\n# Intervals: other flights of it.\n"
+        )
+        write_yaml(arguments.output, profile_document(profile), header)
+        print(f"  written to {arguments.output}")
+    else:
+        print("  not written: give --output FILE")
+    return 0
+
+
+def _check_output(arguments: argparse.Namespace) -> None:
+    """Refuse an output that cannot be written before anything is computed."""
+    from flatsat_ros.base.errors import FlatsatError, refusal
+    from flatsat_ros.base.files import check_writable, unwritable
+
+    output: Path | None = arguments.output
+    if output is None:
+        if arguments.force:
+            raise FlatsatError("--force overwrites the output; without --output none is written")
+        return
+    if output.suffix != ".yaml":
+        raise refusal("--output", str(output), "", "a .yaml file, whose name the profile has")
+    check_writable(output)
+    if output.exists() and not arguments.force:
+        raise unwritable(output, "it exists: give --force to overwrite it")
+
+
+def _read(path: Path, columns: ColumnMap | None, arguments: argparse.Namespace) -> FlightLog:
+    """Read a CSV file or a bag."""
+    from flatsat_ros.identification.log import read_log
+
+    if path.is_dir() or path.suffix in (".mcap", ".db3"):
+        return bag_log(path, arguments.drone, arguments.backend or "cpp")
+    return read_log(path, columns)
+
+
+def bag_log(path: Path, drone: str | None, backend: str) -> FlightLog:
+    """Read poses and set-points of one drone from a bag, at the times at which they were recorded.
+
+    Args:
+        path: of the bag.
+        drone: its name; None: the only one with both.
+        backend: crazyswarm2's, cpp or cflib.
+
+    Raises:
+        FlatsatError: the bag cannot be read, or has no such drone with poses and set-points.
+    """
+    import numpy as np
+
+    from flatsat_ros.base.errors import FlatsatError
+    from flatsat_ros.base.files import located
+    from flatsat_ros.crazyflie.wire import Backend
+    from flatsat_ros.identification.log import FlightLog, angles_of
+    from flatsat_ros.viewing.bag import read_flight
+
+    tracks = {
+        track.name: track.channels for track in read_flight(path).tracks if {"pose", "command"} <= track.channels.keys()
+    }
+    name = next(iter(tracks)) if drone is None and len(tracks) == 1 else drone
+    if name not in tracks:
+        names = ", ".join(sorted(tracks)) or "none"
+        raise located(path, f"--drone {name}: drones with both poses and cmd_vel_legacy are: {names}")
+    channels = tracks[name]
+    pose, command, battery = channels["pose"], channels["command"], channels.get("battery")
+    scale = (math.radians(1.0), Backend(backend).pitch_sign * math.radians(1.0), 1.0)
+    sent = np.stack([command.column(each) for each in ("roll", "pitch", "thrust")], axis=-1)
+    try:
+        return FlightLog(
+            name=f"{path.stem}/{name}" if len(tracks) > 1 else path.stem,
+            pose_time=pose.times,
+            position=np.stack([pose.column(axis) for axis in "xyz"], axis=-1),
+            angles=angles_of([pose.column(f"q{axis}") for axis in "xyzw"]),
+            command_time=command.times,
+            command=sent * scale,
+            voltage_time=np.empty(0) if battery is None else battery.times,
+            voltage=np.empty(0) if battery is None else battery.column("voltage"),
+        )
+    except FlatsatError as error:
+        raise located(path, error) from error
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,130 @@
+"""The identify command line: from logs to a profile that loads, bags included; one clear line for what it refuses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from flown import fly, write
+from numpy.testing import assert_allclose
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.cli.identify import bag_log, main
+from flatsat_ros.crazyflie.vehicle import load_vehicle
+from flatsat_ros.identification.log import FlightLog
+
+pytestmark = pytest.mark.in_process
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+T = STORE.types
+
+
+@pytest.fixture(scope="module")
+def log() -> FlightLog:
+    return fly(load_vehicle("cf2x_2025"), range(3, 4), seconds=8.0, noise=1e-4, weight=0.8)[0]
+
+
+@pytest.fixture(scope="module")
+def flight(log: FlightLog, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(log, tmp_path_factory.mktemp("logs") / "flight.csv")
+
+
+def write_bag(log: FlightLog, folder: Path, drones: tuple[str, ...]) -> Path:
+    """A bag in which drones fly alike, as crazyswarm2's cflib back end has them (pitch set-point negative)."""
+    header = T["std_msgs/msg/Header"](T["builtin_interfaces/msg/Time"](0, 0), "world")
+    vector = T["geometry_msgs/msg/Vector3"]
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+
+        def put(topic: str, message: Any, time: float) -> None:
+            kind = message.__msgtype__
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
+            writer.write(connections[topic], 10**9 + round(time * 1e9), STORE.serialize_cdr(message, kind))
+
+        connections: dict[str, Any] = {}
+        for time, place, (roll, pitch, _), command in zip(
+            log.pose_time, log.position, log.angles, log.command, strict=True
+        ):
+            (cr, cp), (sr, sp) = np.cos([roll / 2, pitch / 2]), np.sin([roll / 2, pitch / 2])
+            turn = T["geometry_msgs/msg/Quaternion"](sr * cp, cr * sp, -sr * sp, cr * cp)
+            pose = T["geometry_msgs/msg/Pose"](T["geometry_msgs/msg/Point"](*place), turn)
+            degrees = np.rad2deg(command[:2])
+            twist = T["geometry_msgs/msg/Twist"](vector(-degrees[1], degrees[0], command[2]), vector(0.0, 0.0, 0.0))
+            for drone in drones:
+                put(f"/{drone}/pose", T["geometry_msgs/msg/PoseStamped"](header, pose), time)
+                put(f"/{drone}/cmd_vel_legacy", twist, time)
+    return folder
+
+
+def test_a_log_becomes_a_profile_and_a_page(flight: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    output, page = tmp_path / "mine.yaml", tmp_path / "mine.png"
+    assert main([str(flight), "--base", "cf2x_2025", "--output", str(output), "--pictures", str(page)]) == 0
+    printed = capsys.readouterr().out
+    for text in (
+        "flight: 7.4 s of flight usable",
+        "thrust at pwm_max",
+        "marker frame of flight: roll",
+        "mass apart from force (the base's mass stays)",
+        "one flight does not show how others of the same drone differ",
+        f"written to {output}",
+    ):
+        assert text in printed
+    profile, base = load_vehicle(output), load_vehicle("cf2x_2025")
+    assert profile.name == "mine"
+    # the log is of a drone with 80 % of the force and, in its dynamics, 1.032 of that again
+    assert profile.thrust_max == pytest.approx(0.8 * base.dynamics.thrust_gain * base.thrust_max, rel=0.03)
+    assert profile.dynamics.attitude_gain == pytest.approx(base.dynamics.attitude_gain, rel=0.03)
+    assert profile.intervals is not None
+    assert profile.intervals.thrust_available is not None
+    assert page.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_bag_is_the_same_log(log: FlightLog, tmp_path: Path) -> None:
+    bag = write_bag(log, tmp_path / "bag", ("cf1", "cf2"))
+    read = bag_log(bag, "cf2", "cflib")
+    assert_allclose(read.pose_time, log.pose_time, atol=1e-6)
+    for name in ("position", "command"):
+        assert_allclose(getattr(read, name), getattr(log, name), atol=1e-9, err_msg=name)
+    assert_allclose(read.angles[:, :2], log.angles[:, :2], atol=1e-9)
+    assert_allclose(bag_log(bag, "cf2", "cpp").command[:, 1], -log.command[:, 1], atol=1e-9)
+    for drone in (None, "cf3"):
+        with pytest.raises(FlatsatError, match=f"--drone {drone}: drones with both .* are: cf1, cf2"):
+            bag_log(bag, drone, "cpp")
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (["{log}", "--output", "mine.yml"], "--output = 'mine.yml': must be a .yaml file"),
+        (["{log}", "--output", "{taken}"], "it exists: give --force to overwrite it"),
+        (["{log}", "--force"], "--force overwrites the output; without --output none is written"),
+        (["{log}", "--base", "cf99"], "there is no packaged configuration 'cf99'"),
+        (["{log}", "--columns", "vicon_100hz"], "must be also t, px, py"),
+        (["{taken}"], "are none of a known form"),
+        (["{log}", "{log}"], "log = 'flight': must be a flight of its own"),
+        (["{wrong}"], "pitch answers with the opposite sign"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_in_one_line(
+    options: list[str], text: str, log: FlightLog, flight: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (taken := tmp_path / "taken.yaml").write_text("name: x\n")
+    wrong = write(replace(log, command=log.command * (1.0, -1.0, 1.0)), tmp_path / "wrong.csv")
+    assert main([option.format(log=flight, taken=taken, wrong=wrong) for option in options]) == 2
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert error.startswith("error: ")
+    assert text in error
+    assert taken.read_text() == "name: x\n"
+
+
+def test_a_drone_too_weak_to_fly_is_said(log: FlightLog, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    weak = replace(log, command=log.command * (1.0, 1.0, 1.0) + (0.0, 0.0, 61000.0 - log.command[:, 2].mean()))
+    capped = replace(weak, command=np.minimum(weak.command, (1.0, 1.0, 65535.0)))
+    assert main([str(write(capped, tmp_path / "weak.csv")), "--output", str(tmp_path / "weak.yaml")]) == 2
+    assert "the drone of these flights makes no profile: mass" in capsys.readouterr().err
+    assert list(tmp_path.glob("*.yaml")) == []
