@@ -152,6 +152,8 @@ class Senses:
             self._gone_astray[index] = False
         if after is Mode.FALLEN or (before is Mode.FLY and after is Mode.UNLOCK):
             self.thrust.forget(index)
+        if before is Mode.IDLE and after is Mode.FLY:
+            self.thrust.take_over(index)
         if after is Mode.UNLOCK or (after is Mode.FLY and before not in AIRBORNE):
             self._lift_off.begin(index, height)
             self._unlocked[index] = after is Mode.UNLOCK or before is Mode.UNLOCK

@@ -63,6 +63,12 @@ class ThrustScale:
         scale = self.scale * (1.0 + period / _TIME_CONSTANT * error - period * _LIFTING_RATE * weak)
         self.scale = np.clip(scale, 1.0 - self._error_max, 1.0 + self._error_max)
 
+    def take_over(self, index: int) -> None:
+        """Begin with drone index in the air, if it is not known yet: there, too little thrust lets it drop."""
+        if not self.is_settled(index):
+            self.scale = self.scale.copy()
+            self.scale[index] = 1.0
+
     def forget(self, index: int) -> None:
         """Begin anew with drone index."""
         self.scale = self.scale.copy()

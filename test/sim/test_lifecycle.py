@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
@@ -256,6 +257,27 @@ def test_whatever_the_thrust_and_the_noise_it_takes_off_without_a_leap(scale: fl
         heights.append(flight.height)
     assert max(heights) < 0.6
     assert heights[-1] == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.mark.parametrize("scale", [0.9, 1.0, 1.1])
+def test_a_drone_taken_over_in_the_air_neither_drops_nor_leaps(scale: float) -> None:
+    flight = Flight(scale=scale, compensated=0.8, thrust_error=0.25)
+    flight.fleet = SimulatedFleet(
+        VEHICLE, 1, start=[[0.0, 0.0, 1.0]], flying=True, thrust_scale=scale, capture=MotionCapture(noise=5e-4)
+    )
+    flight.now = 0.0
+    hover = float(VEHICLE.pwm_from_thrust(GRAVITY / scale))
+    for _ in range(5):  # whoever flew it before
+        flight.fleet.command(0, 0.0, 0.0, 0.0, hover)
+        flight.let_pass(0.1)
+    flight.pilot.set_goal(0, [0.0, 0.0, 1.0])
+    heights = []
+    for _ in range(60):
+        flight.let_pass(0.1)
+        heights.append(flight.height)
+    assert flight.modes[-1] is Mode.FLY
+    assert min(heights) > 0.8
+    assert max(heights) < 1.2
 
 
 def test_a_drone_that_is_locked_again_after_its_unlocking_flies_none_the_less() -> None:
