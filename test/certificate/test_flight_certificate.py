@@ -1,0 +1,123 @@
+"""The flight certificate's file: strict, the same after a round trip, and every claim is proved again."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import asdict, fields, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight_certificate import Axis, FlightCertificate
+from flatsat_ros.certificate.flight_loop import Design, Plant
+from flatsat_ros.certificate.flight_tube import Assumptions, Tube
+from flatsat_ros.law.input_set import InputSet
+
+ASSUMPTIONS = Assumptions(disturbance_rate=0.35, noise=5e-4, acceleration=0.0, jerk=0.58, snap=0.66)
+NONE = Tube(1.0, 1.0, 1.0, 1.0)
+
+
+def certificate_of(horizontal: Axis, vertical: Axis) -> FlightCertificate:
+    """A certificate whose claims are what is proved, a little enlarged."""
+    proved = []
+    for axis in (horizontal, vertical):
+        tube = axis.proved(1.0, 1.5, ASSUMPTIONS)
+        proved.append(replace(axis, tube=Tube(**{f: 1.001 * v for f, v in asdict(tube).items()})))
+    return FlightCertificate(
+        "small", InputSet(14.2, 0.262, 9.81), 1.0, 1.5, 2.0, 0.3, ASSUMPTIONS, *proved, {"by": "a test"}
+    )
+
+
+@pytest.fixture(scope="module")
+def certificate() -> FlightCertificate:
+    design = Design.predicting(0.02, Plant(0.03, 0.14), (0.357, 3.93, 14.2), 30.0, 18.0)
+    sides = Axis(Box(Plant(0.029, 0.138), Plant(0.031, 0.142)), False, design, ("lag", "", ""), NONE)
+    upright = Axis(Box(Plant(0.03, 0.135), Plant(0.03, 0.14)), True, design, ("",), NONE)
+    return certificate_of(sides, upright)
+
+
+def test_a_round_trip_changes_nothing(certificate: FlightCertificate, tmp_path: Path) -> None:
+    certificate.save(tmp_path / "small.yaml")
+    loaded = FlightCertificate.load(tmp_path / "small.yaml")
+    assert loaded == certificate
+    loaded.save(tmp_path / "again.yaml")
+    assert (tmp_path / "again.yaml").read_bytes() == (tmp_path / "small.yaml").read_bytes()
+
+
+def test_every_claim_is_checked_without_tolerance(certificate: FlightCertificate) -> None:
+    assert min(certificate.verify().values()) >= 0.0
+    for name in ("horizontal", "vertical"):
+        axis: Axis = getattr(certificate, name)
+        for claim in fields(Tube):
+            less = replace(axis.tube, **{claim.name: getattr(axis.tube, claim.name) * (1.0 - 1.01e-3)})
+            with pytest.raises(FlatsatError, match=f"'{name} tube, {claim.name}' fails by"):
+                replace(certificate, **{name: replace(axis, tube=less)}).verify()
+
+
+@settings(max_examples=12)
+@given(part=st.sampled_from(["gain_max", "lag", "delay", "noise", "observer", "rate"]), more=st.floats(0.02, 0.3))
+def test_what_is_claimed_for_more_than_is_proved_is_refused(
+    certificate: FlightCertificate, part: str, more: float
+) -> None:
+    document = certificate.to_document()
+    sides = document["horizontal"]
+    if part == "gain_max":
+        document["sampling"][part] *= 1.0 + more
+    elif part == "noise":
+        document["assumptions"][part] *= 1.0 + more
+    elif part == "observer":
+        sides["observer"][2] *= 1.0 + more
+    elif part == "rate":
+        sides["rate"] *= 1.0 + more
+    else:
+        sides["high"][part] += more * (sides["high"][part] - sides["low"][part]) * 10.0
+    with pytest.raises(FlatsatError, match="fails by|no whole period"):
+        FlightCertificate.from_document(document).verify()
+
+
+def test_a_disturbance_that_leaves_no_room_is_refused(certificate: FlightCertificate) -> None:
+    with pytest.raises(FlatsatError, match="every applied gain is at least 1' fails by"):
+        replace(certificate, disturbance=1.5).verify()
+    with pytest.raises(FlatsatError, match="margin is one that a hovering drone has' fails by"):
+        replace(certificate, margin=4.0).verify()
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda d: d.update(flatsat_certificate=1), "flatsat_certificate = 1: must be 2, that of flight certificates"),
+        (lambda d: d.update(more=1), "more"),
+        (lambda d: d.pop("vertical"), "vertical"),
+        (lambda d: d["horizontal"].pop("lead"), "lead"),
+        (lambda d: d["horizontal"]["low"].update(mass=1.0), "mass"),
+        (lambda d: d["horizontal"].update(lag_varies=1), "horizontal.lag_varies = 1: must be true or false"),
+        (lambda d: d["horizontal"].update(cuts=[""]), "horizontal.cuts = ['']: must be names of figures and '-'"),
+        (lambda d: d["horizontal"].update(observer=0.3), "horizontal.observer = 0.3: must be a list of three gains"),
+        (lambda d: d["horizontal"].update(observer=[0.3, 1.0]), "observer = (0.3, 1.0): must be three gains"),
+        (
+            lambda d: d["vertical"]["tube"].update(position=0.0),
+            "vertical.tube.position = 0.0: must be a number above 0",
+        ),
+        (lambda d: d["sampling"].update(gain_min=-1.0), "gain_min = -1.0: must be a number above 0"),
+        (lambda d: d.update(name=""), "name = '': must be a non-empty string"),
+    ],
+)
+def test_other_forms_are_refused(certificate: FlightCertificate, change: Callable[[Any], Any], text: str) -> None:
+    document = copy.deepcopy(certificate.to_document())
+    change(document)
+    with pytest.raises(FlatsatError) as refused:
+        FlightCertificate.from_document(document)
+    assert text in str(refused.value)
+
+
+def test_cuts_must_make_cells_of_all_of_the_box(certificate: FlightCertificate) -> None:
+    document = certificate.to_document()
+    document["horizontal"]["cuts"] = "lag -"
+    with pytest.raises(FlatsatError, match="number of cuts = 2: must be more, 1 parts are left"):
+        FlightCertificate.from_document(document).verify()
