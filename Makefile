@@ -21,7 +21,7 @@ EXTREMES := $(foreach version,3.10 3.13,$(if $(call python_found,$(version)),.ve
 
 unexport PYTHONPATH AMENT_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help setup build demo test test-noble test-kernels bench reproduce falsify faults soak fuzz lint docs certificates clean
+.PHONY: help setup build demo test test-noble test-kernels bench reproduce falsify faults soak fuzz lint docs certificates clean test-browser
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 16
@@ -61,6 +61,13 @@ test-kernels: setup $(EXTREMES:%=%/.done)  ## law, certificates, synthesis as on
 .venv-3.%/.done: $(REQUIREMENTS)
 	$(call python_found,3.$*) -m venv $(@D)
 	$(@D)/bin/python -m pip install --disable-pip-version-check --requirement $(REQUIREMENTS)
+	touch $@
+
+test-browser: build .venv/.browser  ## the pages as a person uses them; needs Debian's chromium and chromium-driver
+	$(SOURCED) $(BIN)/pytest $(ARGS) test/viewing/browser_report.py test/nodes/browser_console.py
+
+.venv/.browser: requirements/browser.txt
+	$(BIN)/python -m pip install --disable-pip-version-check --requirement $<
 	touch $@
 
 bench: build  ## the benchmark against solvers and a bare rclpy node

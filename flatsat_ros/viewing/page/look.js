@@ -3,7 +3,8 @@
 // Okabe and Ito's colours, which colour-blind people can tell apart; further drones get them again, with dashes
 const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a8a00", "#7f7f7f"];
 const MODES = ["IDLE", "UNLOCK", "FLY", "LEVEL", "CUT", "REST", "DESCEND", "FALLEN"];
-const MODE_COLOURS = ["#9aa3ad", "#56b4e9", "#009e73", "#e69f00", "#5b2333", "#8fb3a5", "#d55e00", "#a4003b"];
+// white text on them can be read
+const MODE_COLOURS = ["#66717c", "#1f6fb2", "#007a59", "#8f6200", "#4a1c2a", "#4f7a6b", "#b84c00", "#a4003b"];
 
 function colourOf(index) {
   return COLOURS[index % COLOURS.length];

@@ -1,0 +1,104 @@
+"""The page of a recorded flight as a person uses it: `make test-browser`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from browser import DESKTOP, PHONE, Page, browser
+from selenium.webdriver.common.keys import Keys
+
+from flatsat_ros.cli.demo import main
+
+WIDTHS = {"desktop": DESKTOP, "phone": PHONE}
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The report of a swap on simulated time."""
+    folder = tmp_path_factory.mktemp("demo")
+    assert main(["--headless", "--seconds", "4", "--output", str(folder)]) == 0
+    return folder / "report.html"
+
+
+def ready(page: Page) -> None:
+    page.wait(lambda: page.run("return document.body.dataset.ready") == "yes", "the flight in the page")
+
+
+def now(page: Page) -> float:
+    return float(page.run("return report.time"))
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_the_page_is_whole_readable_and_fits(flown: Path, width: str, theme: str) -> None:
+    with browser(f"{flown.as_uri()}#9", WIDTHS[width]) as page:
+        ready(page)
+        if theme == "dark":
+            page.find("#theme").click()
+        assert page.text("#title") == "Swap on simulated time"
+        assert now(page) == 9.0
+        assert page.run("return document.documentElement.scrollWidth") <= WIDTHS[width][0]
+        assert len(page.driver.find_elements("css selector", ".plot canvas")) >= 10
+        page.screenshot(f"report_{width}_{theme}")
+        page.require_sound()
+
+
+def test_every_control_does_what_it_says(flown: Path) -> None:
+    with browser(flown.as_uri()) as page:
+        ready(page)
+        page.find("#play").click()
+        page.wait(lambda: now(page) > 0.3, "the flight to play")
+        page.find("#play").click()
+        stopped = now(page)
+        page.find("#title").click()
+        page.driver.switch_to.active_element.send_keys(Keys.ARROW_RIGHT)
+        assert now(page) == pytest.approx(stopped + 0.1, abs=1e-6)
+        page.driver.switch_to.active_element.send_keys(Keys.SPACE)
+        page.wait(lambda: now(page) > stopped + 0.5, "the space bar to play")
+        page.driver.switch_to.active_element.send_keys(Keys.SPACE)
+
+        page.run("const s = document.getElementById('slider'); s.value = 8; s.dispatchEvent(new Event('input'))")
+        assert now(page) == 8.0
+        assert page.text("#clock") == "0:08.00"
+
+        strip = page.find(".strips canvas")
+        page.run("document.querySelector('.strips').scrollIntoView()")
+        strip.click()
+        end = float(page.run("return report.flight.end"))
+        assert end / 3 < now(page) < 2 * end / 3
+
+        for box in page.driver.find_elements("css selector", "#drones input")[1:]:
+            box.click()
+        assert page.run("return report.view.models.map((model) => model.group.visible)") == [True, False, False]
+
+        for number, title in enumerate(("Figures", "Events", "Set-up", "Data")):
+            tab = page.find(f"#tab{number}")
+            assert tab.text.startswith(title)
+            tab.click()
+            assert page.find(f"#panel{number}").is_displayed()
+        page.find("#tab1").click()
+        page.find("#panel1 .events button").click()
+        first = page.run("return report.flight.events[0].time")
+        assert now(page) == pytest.approx(first)
+        page.require_sound()
+
+
+def test_the_page_shows_what_was_flown(flown: Path) -> None:
+    with browser(flown.as_uri()) as page:
+        ready(page)
+        rows: list[dict[str, Any]] = page.run("return report.flight.figures.rows")
+        shown = [row.text.split()[0] for row in page.driver.find_elements("css selector", "#panel0 tbody tr")]
+        assert shown == [row["drone"] for row in rows] == ["cf1", "cf2", "cf3"]
+        page.run("report.seek(9)")
+        drawn = page.run("return report.view.models[0].body.position.toArray()")
+        told = page.run("return report.flight.drones[0].poseAt(9).position")
+        assert drawn == pytest.approx(told, abs=1e-6)
+
+
+def test_without_network_nothing_is_asked_for(flown: Path) -> None:
+    with browser(flown.as_uri()) as page:
+        ready(page)
+        asked = page.run("return performance.getEntriesByType('resource').map((entry) => entry.name)")
+        assert [name for name in asked if not name.startswith(("data:", "blob:"))] == []
