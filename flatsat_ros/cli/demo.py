@@ -30,6 +30,7 @@ def _parser() -> shell.Parser:
     parser.add_argument("--robots", type=int, default=3, help="number of drones (default: %(default)s)")
     parser.add_argument("--rate", type=float, help="of the controller, Hz (default: the certificate's)")
     parser.add_argument("--headless", action="store_true", help="one process on simulated time, no ROS: fast, no bag")
+    parser.add_argument("--console", action="store_true", help="show the flight live on a page of this machine, too")
     parser.add_argument(
         "--offset-free", action="store_true", help="compensate the estimated disturbance, beyond the paper's law"
     )
@@ -40,6 +41,7 @@ def _parser() -> shell.Parser:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from flatsat_ros.base.errors import FlatsatError
     from flatsat_ros.base.files import write_text
     from flatsat_ros.demo import headless, live, pictures, record
     from flatsat_ros.demo.scenario import DISTURBANCE_MAX, plan
@@ -51,6 +53,8 @@ def _run(arguments: argparse.Namespace) -> int:
     folder: Path = arguments.output
     if not arguments.headless:
         live.require_ros()
+    elif arguments.console:
+        raise FlatsatError("--console: not used with --headless; drop one or the other")
     shell.require_folder(folder, [record.SUMMARY, record.REPORT, *pictures.FILES])
     scenario = plan(
         folder,
@@ -65,7 +69,7 @@ def _run(arguments: argparse.Namespace) -> int:
         flown = headless.fly(scenario, recorder.observe)
         shown = recorder.flight("Swap on simulated time")
     else:
-        flown = live.fly(scenario, folder)
+        flown = live.fly(scenario, folder, console=arguments.console)
         shown = read_flight(folder / live.BAG)
     summary = flown.summary()
     print(record.table(summary, flown.limits))

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import os
+import re
+import select
+import sys
 import time
+import webbrowser
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
@@ -13,7 +17,7 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.demo.choreography import Stage, perform
-from flatsat_ros.demo.processes import Nodes, commands_of, require_alive, running
+from flatsat_ros.demo.processes import Nodes, command_of, commands_of, require_alive, running
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
 from flatsat_ros.demo.scenario import VEHICLE, Scenario, record_of
 from flatsat_ros.flight.supervisor import Mode
@@ -30,6 +34,7 @@ _LISTENING = 1.0  # s, in which another demo would be noticed
 SLICE = 0.02  # s
 _ANSWER = 10.0  # s, that the answer of a service may take
 _READY = 10.0  # s, after which a drone that still may not take off fails the flight
+_OPENING = 10.0  # s, for people to open the console
 _AGAIN = 0.5  # s, after which a take-off is asked for again; modes are known by then
 
 
@@ -46,8 +51,13 @@ def require_ros() -> None:
         raise FlatsatError(f"flying live needs ROS 2 ({reason}): source its setup, or give --headless") from error
 
 
-def fly(scenario: Scenario, folder: Path) -> FlightRecord:
+def fly(scenario: Scenario, folder: Path, *, console: bool = False) -> FlightRecord:
     """Fly the scenario with one controller process and one sim_drone process per drone.
+
+    Args:
+        scenario: what is flown.
+        folder: for the logs of the nodes and the bag.
+        console: serve the page that shows the drones, and wait a moment before the take-off for people to open it.
 
     Raises:
         FlatsatError: the nodes did not find each other, one died, another demo is running, the controller refused to
@@ -60,9 +70,14 @@ def fly(scenario: Scenario, folder: Path) -> FlightRecord:
     vehicle = load_vehicle(VEHICLE)
     with conducting(scenario.robots, NAMESPACE, Conductor) as conductor:
         _listen_for_others(conductor)
-        with running(commands_of(scenario, NAMESPACE), folder / "log") as nodes:
+        commands = commands_of(scenario, NAMESPACE)
+        if console:
+            commands["console"] = command_of("console", NAMESPACE, {"port": "0"})
+        with running(commands, folder / "log") as nodes:
             stage = Live(conductor, nodes)
             stage.wait_for_nodes()
+            if console:
+                stage.show(folder / "log" / "console.log")
             start = perform(scenario, stage)
         write_bag(folder / BAG, conductor.recorded)
         robots = {
@@ -72,6 +87,12 @@ def fly(scenario: Scenario, folder: Path) -> FlightRecord:
             for name, swap in zip(scenario.robots, scenario.swaps, strict=True)
         }
     return record_of(scenario, robots, start)
+
+
+def _address(log: Path) -> str:
+    """Return the address that the console's log names, empty if it does not yet."""
+    found = re.search(r"http://[\d.:]+", log.read_text(encoding="utf-8"))
+    return found[0] if found else ""
 
 
 def _listen_for_others(conductor: Conductor) -> None:
@@ -115,6 +136,22 @@ class Live(Stage):
         with self.progress(_DISCOVERY, "waiting for the nodes", leave=False):
             if not self.wait_until(lambda: not self._conductor.missing(), _DISCOVERY):
                 raise FlatsatError(f"not heard of after {_DISCOVERY:g} s: {', '.join(self._conductor.missing())}")
+
+    def show(self, log: Path) -> None:
+        """Say where the console serves its page, open it where there is a display, and wait for Enter or a while.
+
+        Args:
+            log: of the console.
+
+        Raises:
+            FlatsatError: it does not say where.
+        """
+        if not self.wait_until(lambda: bool(_address(log)), _DISCOVERY):
+            raise FlatsatError(f"the console has not started after {_DISCOVERY:g} s; see {log}")
+        print(f"open {_address(log)} in a browser; the drones take off in {_OPENING:g} s, or when you press Enter")
+        if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+            webbrowser.open(_address(log))
+        self.wait_until(lambda: sys.stdin in select.select([sys.stdin], [], [], 0.0)[0], _OPENING)
 
     def _ask(self, name: str, *who: str) -> str:
         """Ask the controller to arm, takeoff or land one robot, or all; return why it refused, nothing if it did not.

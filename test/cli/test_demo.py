@@ -18,6 +18,7 @@ from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.cli import demo
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS
+from flatsat_ros.viewing.bag import read_flight
 
 ROBOT_KEYS = {"rms_m", "rms_paper_m", "gamma_final", "tilt_max_rad", "thrust_min", "thrust_max", "landed"}
 KEYS = {
@@ -77,6 +78,7 @@ def test_other_numbers_rates_and_dynamics_fly_too(tmp_path: Path) -> None:
         (["--seconds", "-1"], "--seconds = -1.0 s: must be above 0 and at most 3600"),
         (["--seconds", "nan"], "--seconds = nan s"),
         (["--rate", "0.2"], "--rate = 0.2 Hz: must be from 1 to 500"),
+        (["--console"], "--console: not used with --headless"),
     ],
 )
 def test_what_cannot_be_flown_is_refused_in_one_line(
@@ -93,7 +95,8 @@ def live(executables: Path, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     """The installed demo, flying over DDS."""
     process = subprocess.Popen(
         # the ideal drone is the one that a busy machine throws off least
-        [executables / "demo", "--dynamics", "ideal", "--seconds", "4", "--output", tmp_path],
+        [executables / "demo", "--console", "--dynamics", "ideal", "--seconds", "4", "--output", tmp_path],
+        stdin=subprocess.DEVNULL,  # nobody presses Enter: the end of the input is taken for that
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -166,6 +169,11 @@ def test_the_live_demo_keeps_the_promises_and_its_bag_can_be_read(live: subproce
         # to arm a drone opens its lock, too
         assert list(dict.fromkeys(modes))[:3] == [Mode.IDLE, Mode.UNLOCK, Mode.FLY]
         assert modes[-2:] == [Mode.REST, Mode.IDLE]
+    assert "open http://127.0.0.1:" in output
+    flight = read_flight(tmp_path / "bag")
+    assert flight.setup["certificate"] == "paper_experiment"
+    assert any("flying" in event.text for event in flight.events)
+    assert (tmp_path / "report.html").stat().st_size > 500_000
     assert not [entry for entry in tmp_path.iterdir() if entry.name.startswith(".")]
 
 

@@ -22,10 +22,10 @@ def _best_effort(depth: int) -> QoSProfile:
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-def _latched() -> QoSProfile:
-    """The newest message, kept for those who come later."""
+def _latched(depth: int) -> QoSProfile:
+    """The newest messages, kept for those who come later."""
     durability = DurabilityPolicy.TRANSIENT_LOCAL
-    return QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
 
 
 @dataclass(frozen=True)
@@ -63,10 +63,10 @@ def status_topic(kind: type[Any]) -> Topic:
 
 
 # the log of all nodes in the domain
-LOG = Topic("/rosout", Log, _reliable(1000), _reliable(1000))
+LOG = Topic("/rosout", Log, _latched(1000), _latched(1000))
 
 # of the controller, in its namespace, not of a robot: what it is set to
-SETUP = Topic("flatsat/setup", String, _latched(), _latched())
+SETUP = Topic("flatsat/setup", String, _latched(1), _latched(1))
 # of the controller, too: why it refused a goal or a trajectory
 REFUSALS = Topic("flatsat/refusals", String, _reliable(10), _reliable(10))
 
