@@ -54,7 +54,9 @@ class BlindDescent:
         height = max(height, 0.0)
         needed = height / _SINKING + abs(climb + _SINKING) / _CHANGE
         if lift is None:
-            needed = math.sqrt(2.0 * height / ((1.0 - self._level) * self._gravity + 1e-3))
+            # it may still climb: the longer time at which height + climb t - down t^2 / 2 is 0
+            down = (1.0 - self._level) * self._gravity + 1e-3
+            needed = (climb + math.sqrt(climb * climb + 2.0 * down * height)) / down
         self._length[index] = _LONGER * needed + _LATER
 
     def thrust(self, now: float) -> FloatArray:

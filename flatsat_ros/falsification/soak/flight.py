@@ -126,7 +126,8 @@ class Flight(Live):
             self.step()
         if lost := self._not_in(*AIRBORNE):
             self._soak.problems.append(f"no longer in the air: {', '.join(lost)}")
-        self.land()
+        if refusal := self._ask("land"):  # of a drone that is down already, at the latest
+            self._soak.problems.append(refusal)
         self._expect(lambda: not self.in_use(), _LANDING, "land")
 
     def _expect(self, holds: Callable[[], bool], seconds: float, what: str) -> None:

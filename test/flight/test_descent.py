@@ -1,0 +1,24 @@
+"""The descent without position: its motors run until the drone is down, however it moved before."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flatsat_ros.base.constants import GRAVITY
+from flatsat_ros.flight.descent import BlindDescent
+
+LEVEL, PERIOD = 0.95, 0.02
+
+
+@given(height=st.floats(0.0, 5.0), climb=st.floats(-1.0, 1.0))
+def test_a_drone_that_gives_what_is_commanded_is_down_before_its_motors_stop(height: float, climb: float) -> None:
+    descent = BlindDescent(GRAVITY, 0.4, LEVEL, 1)
+    descent.begin(0, 0.0, height, climb, None)
+    z, velocity, now = height, climb, 0.0
+    while z > 0.0:
+        assert not descent.over(now)[0]
+        velocity += (float(descent.thrust(now)[0]) - GRAVITY) * PERIOD
+        z += velocity * PERIOD
+        now += PERIOD
+    assert descent.over(now + 30.0)[0]
