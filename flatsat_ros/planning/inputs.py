@@ -104,7 +104,10 @@ def _around(drones: Sequence[Asked]) -> tuple[FloatArray, FloatArray]:
 
 
 def _from_csv(path: str | os.PathLike[str]) -> _Content:
-    rows = list(csv.reader(io.StringIO(read_text(path, _BYTES_MAX))))
+    try:
+        rows = list(csv.reader(io.StringIO(read_text(path, _BYTES_MAX))))
+    except csv.Error as error:  # line ends or NULs inside of fields, fields without an end
+        raise unreadable(path, error) from error
     names = [cell.strip() for cell in rows[0]] if rows else []
     valid = "x,y,z, then yaw and t where they are known"
     if names[:3] != ["x", "y", "z"] or len(set(names)) < len(names) or not set(names) <= set(_COLUMNS):

@@ -18,6 +18,8 @@ MODULES = {
     "crazyflies": ("crazyflies", ""),
     "recording": ("recording", ""),
     "plan": ("plan", ""),
+    "mission": ("mission", "scipy"),
+    "log": ("log", ""),
     "waypoints": ("waypoints", "scipy"),
     "mcap": ("bag", "rclpy"),
     "db3": ("bag", "rclpy"),
