@@ -12,13 +12,11 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
-from typing import TypeVar
 
 import numpy as np
 from geometry_msgs.msg import Twist
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
-from std_srvs.srv import SetBool, Trigger
 
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
@@ -34,6 +32,7 @@ from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.batteries import follow_batteries
 from flatsat_ros.nodes.crazyswarm import SETTLING_TIME, DroneLink
 from flatsat_ros.nodes.flight_report import FlightLog, report_flight
+from flatsat_ros.nodes.flight_services import FlightServices
 from flatsat_ros.nodes.last_resort import LastResort
 from flatsat_ros.nodes.other_robots import declare_others, follow_others
 from flatsat_ros.nodes.policy import declare_policy
@@ -57,8 +56,6 @@ _LOOK_PERIOD = 1.0
 # of the poses of a drone that come between two ticks, so many are taken in, the newest
 _POSES_MAX = 100
 _BROKEN = "the control step failed, see the log; restart the controller"
-
-Answer = TypeVar("Answer", SetBool.Response, Trigger.Response)
 
 # how long the last commands may take to be acknowledged, s
 _ENDING_TIME = 0.5
@@ -121,8 +118,14 @@ class ControllerNode(ProgramNode):
             self._connect(index, robot)
         follow_batteries(self, self.robots, self._take_voltage)
         follow_others(self, others, self._world, lambda i, place: self._pilot.traffic.see(i, place, self._stamps.now))
-        for robot in (*self.robots, interfaces.ALL):
-            self._serve(robot)
+        actions = {
+            "takeoff": self._take_off,
+            "land": self._pilot.land,
+            "hold": self._pilot.hold,
+            "hand_over": self._hand_over,
+        }
+        steered = {name: partial(self._steer, act) for name, act in actions.items()}
+        FlightServices(self, self.robots, steered, partial(self._steer, self._arm), self._log)
         self._links = [DroneLink(self, robot) for robot in self.robots]
         self.create_timer(self._certificate.period, self._on_tick)
         self._rivals = Rivals(self, self.robots, lambda index, why: self._pilot.clearance.bar(index, Cause.RIVALS, why))
@@ -178,27 +181,10 @@ class ControllerNode(ProgramNode):
         self._command_publishers.append(self.create_publisher(command.kind, command.of(robot), command.publish))
         self._telemetry_publishers.append(self.create_publisher(report.kind, report.of(robot), report.publish))
 
-    def _serve(self, robot: str) -> None:
-        """Offer the services of one robot, or of all."""
-        indices = range(len(self.robots)) if robot == interfaces.ALL else [self.robots.index(robot)]
-        actions: dict[str, Callable[[int], str | None]] = {
-            "takeoff": self._take_off,
-            "land": self._pilot.land,
-            "hold": self._pilot.hold,
-            "hand_over": self._hand_over,
-        }
-        for name in interfaces.TRIGGERS:
-
-            def trigger(_: Trigger.Request, answer: Trigger.Response, name: str = name) -> Trigger.Response:
-                return self._answer(answer, name, indices, actions[name])
-
-            self.create_service(Trigger, interfaces.service_of(robot, name), trigger)
-
-        def arm(request: SetBool.Request, answer: SetBool.Response) -> SetBool.Response:
-            wanted = messages.arming_from_request(request)
-            return self._answer(answer, "arm" if wanted else "disarm", indices, lambda index: self._arm(index, wanted))
-
-        self.create_service(SetBool, interfaces.service_of(robot, interfaces.ARM), arm)
+    def _steer(self, act: Callable[..., str | None], index: int, *wanted: bool) -> str | None:
+        """Do something with a drone that is steered; see `FlightServices`."""
+        self._require_steered(index)
+        return act(index, *wanted)
 
     def _take_off(self, index: int) -> None:
         self._rivals.look(index)
@@ -217,23 +203,6 @@ class ControllerNode(ProgramNode):
         """Fall silent about a drone, and let it stay where it is if its link has a way to."""
         self._pilot.hand_over(index)
         self._links[index].release(in_flight=True)
-
-    def _answer(self, answer: Answer, name: str, indices: Sequence[int], act: Callable[[int], str | None]) -> Answer:
-        """Do something with some drones and say how it went for each; a refusal for one does not stop the others."""
-        refused, done = [], []
-        for index in indices:
-            robot = self.robots[index]
-            try:
-                self._require_steered(index)
-                done.append(act(index))
-            except FlatsatError as error:
-                refused.append(f"{robot}: {name} refused: {error}")
-            except Exception as error:
-                self.faults.note(f"{robot}/{name}", error)
-                refused.append(f"{robot}: {name} failed by an error of the program: see the log")
-        messages.fill_answer(answer, not refused, "; ".join(refused + [sentence for sentence in done if sentence]))
-        self._log.refusals(", ".join(self.robots[index] for index in indices), refused)
-        return answer
 
     def _require_steered(self, index: int) -> None:
         """Refuse what is asked of a drone that goes down by its last resort.
