@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 
-# A landing drone is carried when it is commanded to accelerate downward by this much, m/s^2, and still is this slow,
-# m/s, for this long, s.
+# A landing drone is carried when it is commanded to accelerate downward by this much, m/s^2, in the mean and stays
+# within so little height, m, for this long, s: in free air it would be three times as far down.
 _WELL_BELOW_HOVER = 1.2
-_SLOW = 0.05
+_STEADY = 0.05
 _CARRIED_TIME = 0.5
 
 # a drone is off the ground when it is so far, m, from the height at which its lock was opened
 _LIFTED_OFF = 0.05
 # an upward acceleration of this much, m/s^2, is a command to climb
 _CLIMB = 0.5
+# a drone that moves sideways by so much, m, before it has left the ground does not climb where it is told to
+_SLID = 0.15
 
 # A drone falls when it sinks faster than this, m/s, and is disturbed downward by more than this, m/s^2.
 _FALLING_SPEED = 1.0
@@ -30,36 +34,66 @@ _LYING_TIME = 1.5
 # Motion against command is judged by changes of the velocity over this time, s, forgetting them with the second one, s,
 # once commands have changed it by so much, (m/s)^2 s.
 _WINDOW = 0.2
-_FORGOTTEN = 1.5
-_JUDGED = 0.001
-# Of what is commanded, at least this share must come, and at most this much across it.
-_LEAST_ALONG = -0.4
-_MOST_ACROSS = 0.8
-_TURNED = 2.0  # if it is also so much more than what comes along
+_FORGOTTEN = 1.0
+_JUDGED = 0.0004
+# What comes is wrong if between these shares of what is commanded comes, beyond this tangent of an angle to it, and the
+# commands explain at least this share of it. Commands do not explain gusts, which bring more, nor noise.
+_LEAST, _MOST = 0.5, 1.2
+_TURNED = 2.0
+_EXPLAINED = 0.5
+# of that this much, (m/s)^2 s, is not asked: noise of 0.5 mm in the poses brings it alone
+_NOISE = 4e-4
+# A gust that begins looks like a wrong sign until commands counter it; a wrong sign stays one for longer than this, s.
+_WRONG_TIME = 0.31
+
+# A drone whose commanded tilt has this share of the largest is at its limit.
+_AT_LIMIT = 0.9
+# It is blown off if for this long, s, the second time while it lands, it has been at its limit and this far off, m,
+# m, without coming nearer by this share.
+_BLOWN_TIME, _BLOWN_LANDING_TIME = 2.0, 0.4
+_OFF = 0.5
+_NEARER = 0.05
+# It is opposed if at its limit for this long, s, what disturbs it is against the command and so many times as much. Two
+# is what a wrong sign makes of it; 1.8 times the limit of 10 degrees is a wind of 7 m/s.
+_OPPOSED_TIME = 0.2
+_OPPOSED = 1.8
+# It swings if its error tilts it by this share of the limit, then to the opposite, more often than this within about so
+# many seconds; a step to a set-point takes one or two such changes.
+_SWINGING_SHARE = 0.5
+_SWINGS = 3.0
+_SWINGING_TIME = 5.0
+_OPPOSITE = -0.5  # cosine
 
 
 class TouchDownDetector:
-    """Tells which landing drones are carried by something: no height is needed for that."""
+    """Tells which landing drones are carried by something, wherever that is."""
 
     def __init__(self, count: int) -> None:
         self._since = np.full(count, np.inf)
+        self._height = np.full(count, np.nan)  # then, m
+        self._pushed = np.zeros(count)  # change of velocity that was commanded since then, m/s
+        self._last = np.inf  # s, of the last look
 
-    def carried(self, now: float, climb: FloatArray, upward: FloatArray, landing: np.ndarray) -> np.ndarray:
+    def carried(self, now: float, height: FloatArray, upward: FloatArray, landing: np.ndarray) -> np.ndarray:
         """Tell which drones are carried, (N,).
 
         Args:
             now: s.
-            climb: (N,) vertical velocity, m/s.
+            height: (N,) z, m.
             upward: (N,) vertical acceleration that was commanded at the last tick, m/s^2: what the law asks for, with
                 the disturbance that is compensated.
             landing: (N,) who lands.
         """
+        elapsed, self._last = max(now - self._last, 0.0), now
         if not np.count_nonzero(landing):
             self._since[:] = np.inf
             return np.zeros(landing.size, dtype=bool)
-        carried = landing & (upward <= -_WELL_BELOW_HOVER) & (np.abs(climb) < _SLOW)
-        self._since = np.where(carried, np.minimum(self._since, now), np.inf)
-        return np.asarray(now - self._since >= _CARRIED_TIME)
+        steady = landing & np.isfinite(self._since) & (np.abs(height - self._height) < _STEADY)
+        self._pushed = np.where(steady, self._pushed + elapsed * upward, 0.0)
+        self._since = np.where(steady, np.minimum(self._since, now), np.where(landing, now, np.inf))
+        self._height = np.where(steady, self._height, height)
+        lasted = now - self._since
+        return np.asarray((lasted >= _CARRIED_TIME) & (self._pushed <= -_WELL_BELOW_HOVER * lasted))
 
 
 class LiftOffDetector:
@@ -67,6 +101,7 @@ class LiftOffDetector:
 
     Attributes:
         standing: (N,) who was seen to stand and has not left the ground yet.
+        slid: (N,) who of these has moved sideways instead.
     """
 
     def __init__(self, count: int, patience: float) -> None:
@@ -77,26 +112,34 @@ class LiftOffDetector:
             patience: s of a commanded climb after which a drone that is still on the ground will not leave it.
         """
         self._patience = patience
-        self.standing = np.zeros(count, dtype=bool)
-        self._height = np.zeros(count)  # at which each stood last, m
+        self.standing = self.slid = np.zeros(count, dtype=bool)
+        self._place = np.zeros((count, 3))  # where each stood last, m
         self._held_since = np.full(count, np.inf)
 
-    def begin(self, index: int, height: float) -> None:
-        """Watch drone index, which stands at a height, m, and is about to take off."""
-        self.standing[index], self._height[index], self._held_since[index] = True, height, np.inf
+    def begin(self, index: int, place: FloatArray) -> None:
+        """Watch drone index, which stands at a place (3,), m, and is about to take off."""
+        self.standing = self.standing.copy()
+        self.standing[index], self._place[index], self._held_since[index] = True, place, np.inf
 
-    def held(self, now: float, height: FloatArray, upward: FloatArray, flying: np.ndarray) -> np.ndarray:
+    def moved(self, index: int, place: FloatArray) -> float:
+        """Return how far a place (3,) is from where drone index stood, m."""
+        return float(np.linalg.norm(place - self._place[index]))
+
+    def held(self, now: float, place: FloatArray, upward: FloatArray, flying: np.ndarray) -> np.ndarray:
         """Tell which drones have been commanded to climb for too long without leaving the ground, (N,).
 
         Args:
             now: s.
-            height: (N,) z, m.
+            place: (N, 3) m.
             upward: (N,) vertical acceleration that was commanded at the last tick, m/s^2.
             flying: (N,) who is steered.
         """
         if not np.count_nonzero(self.standing):
+            self.slid = self.standing
             return np.zeros(flying.size, dtype=bool)
-        self.standing = self.standing & (np.abs(height - self._height) < _LIFTED_OFF)
+        moved = np.abs(place - self._place)
+        self.standing = self.standing & (moved[:, 2] < _LIFTED_OFF)
+        self.slid = flying & self.standing & (np.hypot(moved[:, 0], moved[:, 1]) > _SLID)
         waiting = flying & self.standing & (upward >= _CLIMB)
         self._held_since = np.where(waiting, np.minimum(self._held_since, now), np.inf)
         return np.asarray(now - self._held_since >= self._patience)
@@ -140,11 +183,84 @@ class FallDetector:
         self._since = np.where(np.isfinite(self._since), np.minimum(self._since, now), np.inf)
 
 
+class TiltLimitDetector:
+    """Tells which drones the limit of their tilt does not let follow: blown off by wind, or swinging by a late loop."""
+
+    def __init__(self, count: int, tilt_max: float, gravity: float) -> None:
+        """Watch nobody at first.
+
+        Args:
+            count: N.
+            tilt_max: rad.
+            gravity: m/s^2.
+        """
+        self._slope, self._gravity = math.tan(tilt_max), gravity
+        self._since = np.full(count, np.inf)  # at its limit and far off, without coming nearer
+        self._nearest = np.zeros(count)  # how far off it was then, m
+        self._opposed_since = np.full(count, np.inf)
+        self._direction = np.zeros((count, 2))  # in which its error tilted it far last
+        self._swings = np.zeros(count)  # changes to the opposite, forgotten slowly
+        self._last = -np.inf  # s, of the last look
+
+    def look(
+        self,
+        now: float,
+        acceleration: FloatArray,
+        correction: FloatArray,
+        disturbance: FloatArray,
+        error: FloatArray,
+        steered: np.ndarray,
+        landing: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Tell who is blown off, who swings and who is opposed, each (N,).
+
+        Args:
+            now: s.
+            acceleration: (N, 3) commanded, m/s^2.
+            correction: (N, 2) horizontal part of it that the error asks for, m/s^2.
+            disturbance: (N, 2) estimated, m/s^2.
+            error: (N, 2) horizontal position minus reference, m.
+            steered: (N,) who is in the air and steered.
+            landing: (N,) who lands.
+        """
+        most = self._slope * np.maximum(acceleration[:, 2] + self._gravity, 0.0)
+        limited = steered & (np.hypot(acceleration[:, 0], acceleration[:, 1]) >= _AT_LIMIT * most)
+        size = np.hypot(correction[:, 0], correction[:, 1])
+        tilted = steered & (size >= _SWINGING_SHARE * most) & (size > 0.0)
+        self._swings *= math.exp(max(self._last - now, -_SWINGING_TIME) / _SWINGING_TIME)
+        self._last = now
+        if not np.count_nonzero(limited) + np.count_nonzero(tilted):
+            self._since[:] = self._opposed_since[:] = np.inf
+            return limited, limited, limited
+        direction = correction / np.where(tilted, size, 1.0)[:, np.newaxis]
+        self._swings += tilted & ((direction * self._direction).sum(axis=1) < _OPPOSITE)
+        self._direction = np.where(tilted[:, np.newaxis], direction, self._direction)
+        self._swings[~steered] = 0.0
+        off = np.hypot(error[:, 0], error[:, 1])
+        stuck = limited & (off > _OFF)
+        anew = stuck & (np.isinf(self._since) | (off < (1.0 - _NEARER) * self._nearest))
+        self._nearest = np.where(anew, off, self._nearest)
+        self._since = np.where(stuck, np.where(anew, now, self._since), np.inf)
+        blown = now - self._since >= np.where(landing, _BLOWN_LANDING_TIME, _BLOWN_TIME)
+        ahead = acceleration[:, :2]
+        opposed = limited & ((disturbance * ahead).sum(axis=1) < -_OPPOSED * (ahead * ahead).sum(axis=1))
+        self._opposed_since = np.where(opposed, np.minimum(self._opposed_since, now), np.inf)
+        return np.asarray(blown), self._swings > _SWINGS, np.asarray(now - self._opposed_since >= _OPPOSED_TIME)
+
+    def set_clock_back(self, now: float) -> None:
+        """Let nothing last longer because the clock was set back to now, s."""
+        self._since, self._opposed_since = (
+            np.where(np.isfinite(since), np.minimum(since, now), np.inf) for since in (self._since, self._opposed_since)
+        )
+        self._last = min(self._last, now)
+
+
 class AstrayDetector:
     """Tells which drones do not move horizontally as they are commanded: a wrong yaw, frame, sign or body.
 
-    How the acceleration changes is compared with how the commands should have changed it, as late as they act: how much
-    of that comes along, and how much across. Changes, because a constant wind is countered by a constant command.
+    How the acceleration changes is compared with how the commands should have changed it, as late as they act. Changes,
+    because a constant wind is countered by a constant command. Whether the best rotation between the two turns the
+    commands far, or whether one of the body's axes has the other sign, is asked of sums over the last seconds.
     """
 
     def __init__(self, count: int, period: float, late: float) -> None:
@@ -156,35 +272,50 @@ class AstrayDetector:
             late: how long a command takes to act, s.
         """
         self._period = period
-        self._window, self._late = max(1, round(_WINDOW / period)), round(late / period)
+        self._window, self._late = max(1, round(_WINDOW / period)), math.ceil(late / period - 0.5)
         # velocity, and velocity that was commanded since the start, of the last looks: (looks, 2, N, 2), newest last
         self._past = np.zeros((2 * self._window + self._late + 1, 2, count, 2))
-        self._sums = np.zeros((count, 3))  # of what was commanded, of what came along it and across it
+        # of each axis of the body: what was commanded, what came along it, all that came; then what came across both
+        self._sums = np.zeros((7, count))
         self._judged = np.zeros(count)  # s
+        self._wrong = np.zeros(count)  # s, for how long what comes has been wrong
 
-    def astray(self, push: FloatArray, velocity: FloatArray, judged: np.ndarray) -> np.ndarray:
+    def astray(self, push: FloatArray, velocity: FloatArray, yaw: FloatArray, judged: np.ndarray) -> np.ndarray:
         """Tell who goes astray, (N,).
 
         Args:
             push: (N, 2) horizontal change of velocity that was commanded since the last look, m/s.
             velocity: (N, 2) estimated, m/s.
+            yaw: (N,) psi, rad, by which the commands were turned into the body's axes.
             judged: (N,) who is in the air and steered.
         """
         commanded = self._past[-1, 1] + push
         self._past[:-1] = self._past[1:]
         self._past[-1] = velocity, commanded
-        wanted = self._changed(self._past[: len(self._past) - self._late, 1])
-        came = self._changed(self._past[:, 0])
-        along = (wanted * came).sum(axis=1)
-        across = wanted[:, 0] * came[:, 1] - wanted[:, 1] * came[:, 0]
-        sums = np.stack([(wanted * wanted).sum(axis=1), along, across], axis=1)
+        sin, cos = np.sin(yaw), np.cos(yaw)
+        turn = np.array([[cos, -sin], [sin, cos]])  # columns: the body's axes
+        wanted = np.einsum("ijn,ni->jn", turn, self._changed(self._past[: len(self._past) - self._late, 1]))
+        came = np.einsum("ijn,ni->jn", turn, self._changed(self._past[:, 0]))
+        across = wanted[0] * came[1] - wanted[1] * came[0]
+        sums = np.vstack([wanted * wanted, wanted * came, came * came, across])
         self._sums += self._period * (sums - self._sums / _FORGOTTEN)
         self._judged = np.where(judged, self._judged + self._period, 0.0)
-        self._sums[self._judged < len(self._past) * self._period] = 0.0
-        size, along, across = self._sums[:, 0], self._sums[:, 1], np.abs(self._sums[:, 2])
-        turned = (across > _MOST_ACROSS * size) & (across > _TURNED * along)
-        return np.asarray((turned | (along < _LEAST_ALONG * size)) & (size > _JUDGED))
+        self._sums[:, self._judged < len(self._past) * self._period] = 0.0
+        size, along, total, across = self._sums[0:2], self._sums[2:4], self._sums[4:6], self._sums[6]
+        negated = _explained(size, along, total) & (along < 0.0)
+        turned = _explained(size.sum(axis=0), np.hypot(along.sum(axis=0), across), total.sum(axis=0))
+        turned &= np.abs(across) > _TURNED * along.sum(axis=0)
+        self._wrong = np.where(turned | negated.any(axis=0), self._wrong + self._period, 0.0)
+        return np.asarray(self._wrong > _WRONG_TIME)
 
     def _changed(self, past: FloatArray) -> FloatArray:
         """Return how much more a quantity changed over the last window than over the one before, (N, 2)."""
         return np.asarray(past[-1] - 2.0 * past[-1 - self._window] + past[-1 - 2 * self._window])
+
+
+def _explained(size: FloatArray, common: FloatArray, total: FloatArray) -> np.ndarray:
+    """Tell what commands explain: enough of them, and of what they bring, in what came; all are sums of squares."""
+    share = np.abs(common) / np.maximum(size, _JUDGED)
+    return (
+        (size > _JUDGED) & (share > _LEAST) & (share < _MOST) & (share * np.abs(common) > _EXPLAINED * (total - _NOISE))
+    )

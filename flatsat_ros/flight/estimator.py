@@ -39,6 +39,10 @@ _EXCHANGED_DISTANCE = 0.25
 _EXCHANGED_TIME = 30.0
 # so many jumps in a row mean that the drone really is elsewhere
 _JUMPS_TO_RESTART = 5
+# A jump farther than this, m, beyond the gate is no motion: in the air such poses are not taken in, until within the
+# second time, s, one is again as near to the prediction as the second distance, m.
+_FAR = 0.5
+_NEAR_AGAIN, _AGAIN_TIME = 0.25, 1.0
 # silence (s) after which the old velocity says nothing any more: no estimate predicts further
 PREDICTION_MAX = 0.5
 
@@ -52,6 +56,7 @@ class Estimator:
         yaw: (N,) psi, rad, from the last valid orientation; 0 before the first.
         tilt: (N,) angle of the body's z axis to the vertical, rad, likewise; NaN before the first.
         newest: (N,) stamp of the newest accepted measurement, -inf before the first.
+        oriented: (N,) stamp of the newest valid orientation, -inf before the first.
         rejected: (N,) number of measurements refused so far.
     """
 
@@ -59,10 +64,11 @@ class Estimator:
         self._filters = [_Filter() for _ in range(count)]
         self._commands: deque[tuple[float, FloatArray, list[list[float]]]] = deque()
         self._screen = PoseScreen(count)
-        self._airborne = [False] * count
+        self._airborne = self._aloft = [False] * count
         self.yaw = np.zeros(count)
         self.tilt = np.full(count, np.nan)
         self.newest = np.full(count, -np.inf)
+        self.oriented = np.full(count, -np.inf)
         self.rejected = np.zeros(count, dtype=int)
 
     def measure(
@@ -83,23 +89,26 @@ class Estimator:
             measurements.
         """
         newest = float(self.newest[index])
-        commanded = self._commands[-1][2][index] if self._airborne[index] else (0.0, 0.0, 0.0)
-        fault, amount = (
-            self._screen.refuse(index, stamp, position, quaternion, now, newest, math.hypot(*commanded)),
-            stamp - now,
-        )
+        self._screen.note_age(index, stamp, now)
+        commanded = speed = 0.0
+        if self._airborne[index]:
+            commanded, speed = math.hypot(*self._commands[-1][2][index]), math.hypot(*self._filters[index].mean[3:6])
+        fault = self._screen.refuse(index, stamp, position, quaternion, now, newest, commanded, speed)
+        amount = stamp - now
         if fault is None:
             amount = math.dist(position, self._filters[index].mean[:3])
-            fault = self._filter(index, newest, stamp, position)
+            fault = self._filter(index, newest, stamp, position, now)
         if fault is not None:
             self._screen.complain(index, fault, now, amount)
             self.rejected[index] += 1
             return False
-        self._screen.note(index, stamp, now)
         self.newest[index] = stamp
         attitude = yaw_and_tilt(quaternion)
-        if attitude is not None:
-            self.yaw[index], self.tilt[index] = attitude
+        if attitude is None:
+            self._screen.note_orientation(index, now)
+            return True
+        self.yaw[index], self.tilt[index] = attitude
+        self.oriented[index] = stamp
         return True
 
     def complaints(self) -> list[tuple[int, str]]:
@@ -108,19 +117,28 @@ class Estimator:
 
     def restart(self) -> None:
         """Forget all measurements and commands, as after a step of the clock."""
-        self.newest[:] = -np.inf
+        self.newest[:] = self.oriented[:] = -np.inf
         self._commands.clear()
 
-    def command(self, t: float, acceleration: FloatArray, airborne: np.ndarray | None = None) -> None:
+    def command(
+        self,
+        t: float,
+        acceleration: FloatArray,
+        airborne: np.ndarray | None = None,
+        aloft: np.ndarray | None = None,
+    ) -> None:
         """Note what is commanded from now on.
 
         Args:
             t: s, never decreasing.
             acceleration: (N, 3) m/s^2.
-            airborne: (N,) who is in the air, where nothing keeps it from moving; nobody by default.
+            airborne: (N,) who is steered in the air, where nothing keeps it from moving; nobody by default.
+            aloft: (N,) who may be in the air, steered or not; nobody by default.
         """
         if airborne is not None:
             self._airborne = airborne.tolist()
+        if aloft is not None:
+            self._aloft = aloft.tolist()
         self._commands.append((t, acceleration, acceleration.tolist()))
         while len(self._commands) > 1 and self._commands[1][0] < t - PREDICTION_MAX:
             self._commands.popleft()
@@ -157,11 +175,15 @@ class Estimator:
         settled = np.array([f.c11 <= _SETTLED_VELOCITY**2 for f in self._filters])
         return np.asarray((now - self.newest <= timeout) & settled)
 
-    def _filter(self, index: int, newest: float, stamp: float, position: Sequence[float]) -> Fault | None:
+    def _filter(self, index: int, newest: float, stamp: float, position: Sequence[float], now: float) -> Fault | None:
         """Predict drone index to stamp and correct by position; return why it was not taken."""
-        state = self._filters[index]
-        if stamp - newest > PREDICTION_MAX:
+        state, silence = self._filters[index], stamp - newest
+        state.doubted &= self._aloft[index]
+        if state.doubted and not (silence < _AGAIN_TIME and state.away(position, silence) < _NEAR_AGAIN):
+            return Fault.EXCHANGED if self._is_another(index, stamp, position) else Fault.FAR
+        if silence > PREDICTION_MAX:
             if newest > -math.inf and self._is_another(index, stamp, position):
+                state.doubted = self._aloft[index]
                 return Fault.EXCHANGED
             state.restart(position)
             return None
@@ -178,11 +200,18 @@ class Estimator:
                 end -= span
             if begin <= newest:
                 break
-        if state.advance(stamp - newest, position, push, shift):
+        jump = state.advance(silence, position, push, shift)
+        if jump == 0.0:
             return None
-        if self._is_another(index, stamp, position):
-            state.jumps = 0  # it is no jump that may last: the drone is where the other one's poses say
-            return Fault.EXCHANGED
+        exchanged = self._is_another(index, stamp, position)
+        if exchanged or (jump > _FAR and self._aloft[index]):
+            state.jumps = 0  # it is no jump that may last: the drone is not where these poses say
+            state.doubted = self._aloft[index]
+            return Fault.EXCHANGED if exchanged else Fault.FAR
+        if state.jumps == _JUMPS_TO_RESTART:
+            self._screen.note_move(index, jump, now)
+            state.restart(position)
+            return None
         return Fault.JUMP
 
     def _is_another(self, index: int, stamp: float, position: Sequence[float]) -> bool:
@@ -197,9 +226,11 @@ class _Filter:
     Attributes:
         mean: position, velocity, disturbance: nine floats, m, m/s, m/s^2.
         c00, c01, c02, c11, c12, c22: covariance of (p, pdot, d), the same for each axis.
+        jumps: number of jumps since the last position that was none.
+        doubted: its poses have jumped as no motion does, and have not come back since.
     """
 
-    __slots__ = ("c00", "c01", "c02", "c11", "c12", "c22", "jumps", "mean")
+    __slots__ = ("c00", "c01", "c02", "c11", "c12", "c22", "doubted", "jumps", "mean")
 
     def __init__(self) -> None:
         self.restart((0.0, 0.0, 0.0))
@@ -209,18 +240,22 @@ class _Filter:
         self.mean = [*position, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
         self.c00, self.c11, self.c22 = _POSITION_NOISE**2, _START_VELOCITY**2, _START_DISTURBANCE**2
         self.c01 = self.c02 = self.c12 = 0.0
-        self.jumps = 0
+        self.jumps, self.doubted = 0, False
+
+    def away(self, position: Sequence[float], t: float) -> float:
+        """Return how far a position is, m, from where this drone would be t seconds later with its velocity."""
+        return math.dist(position, [p + t * v for p, v in zip(self.mean[:3], self.mean[3:6], strict=True)])
 
     def fits(self, position: Sequence[float]) -> bool:
         """Tell whether a position is near to where this drone was seen last, or below."""
         x, y, z = self.mean[:3]
         return math.hypot(position[0] - x, position[1] - y) <= _EXCHANGED_DISTANCE >= position[2] - z
 
-    def advance(self, t: float, position: Sequence[float], push: list[float], shift: list[float]) -> bool:
+    def advance(self, t: float, position: Sequence[float], push: list[float], shift: list[float]) -> float:
         """Predict over t seconds, in which commands add push (m/s) and shift (m), then correct by the position.
 
         Returns:
-            False, and no change, if the position is a jump; the last of several jumps in a row restarts the filter.
+            0; for a jump, which is counted but not taken in, how far it goes beyond what noise and motion explain, m.
         """
         q, r = _ACCELERATION_NOISE, _DISTURBANCE_NOISE
         t2 = t * t
@@ -242,12 +277,10 @@ class _Filter:
         mean = self.mean
         predicted = [mean[i] + t * mean[i + 3] + half * mean[i + 6] + shift[i] for i in (0, 1, 2)]
         innovation = [position[i] - predicted[i] for i in (0, 1, 2)]
-        if math.hypot(*innovation) > _GATE_DEVIATIONS * math.sqrt(variance) + _GATE_DISTANCE:
+        jump = math.hypot(*innovation) - _GATE_DEVIATIONS * math.sqrt(variance) - _GATE_DISTANCE
+        if jump > 0.0:
             self.jumps += 1
-            if self.jumps < _JUMPS_TO_RESTART:
-                return False
-            self.restart(position)
-            return True
+            return jump
         w0, w1, w2 = c00 / variance, c01 / variance, c02 / variance
         self.mean = [
             *(predicted[i] + w0 * innovation[i] for i in (0, 1, 2)),
@@ -256,5 +289,5 @@ class _Filter:
         ]
         self.c00, self.c01, self.c02 = c00 - w0 * c00, c01 - w0 * c01, c02 - w0 * c02
         self.c11, self.c12, self.c22 = c11 - w1 * c01, c12 - w1 * c02, c22 - w2 * c02
-        self.jumps = 0
-        return True
+        self.jumps, self.doubted = 0, False
+        return 0.0

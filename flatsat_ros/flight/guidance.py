@@ -32,6 +32,8 @@ _HANGS_NO_MORE = 0.05
 _FAR = 0.5
 # a drone this far outside the box, m, has left it
 _TOLERATED = 0.3
+# the reference of a drone that lands and cannot follow is this near to it, m: enough to hold against the wind
+_GIVES_WAY = 0.5
 _BRAKE = np.full(3, np.nan)
 
 
@@ -148,11 +150,23 @@ class Guidance:
         self._goals[index] = _BRAKE.copy()
         self.landing[index] = False
 
-    def land(self, index: int, now: float) -> None:
-        """Let the reference of drone index brake and sink below the ground, until something carries the drone."""
-        self._goals[index] = self._below(index, self.references.motion(index, now))
+    def land(self, index: int, now: float, place: FloatArray | None = None) -> None:
+        """Let the reference of drone index brake and sink below the ground, until something carries the drone.
+
+        Args:
+            index: which drone.
+            now: s.
+            place: (3,) where the drone is, m, if it cannot follow: its reference gives way to within half a metre, and
+                stands over it near the ground.
+        """
+        motion = self.references.motion(index, now)
+        if place is not None:
+            away = motion[0, :2] - place[:2]
+            kept = 0.0 if place[2] - self.ground[index] < _NEAR_GROUND else _GIVES_WAY
+            motion[0, :2] = place[:2] + away * min(1.0, kept / max(float(np.hypot(*away)), _GIVES_WAY))
+        self._goals[index] = self._below(index, motion)
         self.landing[index] = True
-        self.replan(index, now)
+        self._plan(index, motion, now)
 
     def _below(self, index: int, motion: FloatArray) -> FloatArray:
         """Return the goal (3,), m, of a landing from a motion (4, 3): somewhere below the ground."""

@@ -16,7 +16,8 @@ from flatsat_ros.flight.clearance import Cause, Clearance
 from flatsat_ros.flight.estimator import Estimator
 from flatsat_ros.flight.guarantee import GuaranteeMonitor
 from flatsat_ros.flight.guidance import Guidance
-from flatsat_ros.flight.policy import GoalMode, Policy, YawSource
+from flatsat_ros.flight.orientation import Orientations
+from flatsat_ros.flight.policy import GoalMode, Policy
 from flatsat_ros.flight.senses import Senses
 from flatsat_ros.flight.steering import Steering
 from flatsat_ros.flight.supervisor import AIRBORNE, Mode, Supervisor, Transition
@@ -34,8 +35,6 @@ _TINY = 1e-300
 _FULL = 0.98
 # s: after so long without a tick that is told; the firmware takes set-points for lost after 0.5 s
 _PAUSE = 0.2
-# a drone that stands is tilted by less than this, rad
-_TILTED = 0.7
 
 _FLY, _LEVEL, _DESCEND = (mode.value for mode in AIRBORNE)  # numpy compares with these ten times faster
 _GROUNDED = np.array([mode not in AIRBORNE for mode in Mode])  # of each mode
@@ -75,6 +74,7 @@ class Pilot:
         self.estimator = Estimator(count)
         self.batteries, self.clearance = Batteries(count), Clearance()
         self._policy = policy
+        self._orientations = Orientations(self.estimator, policy.yaw_source, count)
         self._supervisor = Supervisor(policy, count)
         self._guidance = Guidance(certificate.limits, policy.speed_max, policy.box, count)
         known_as = [f"drone {index}" for index in range(count)] if names is None else names
@@ -192,7 +192,7 @@ class Pilot:
             raise FlatsatError(f"the drone is in {mode.name} at z = {place[2]:.2f} m: only one on the ground takes off")
         if not self._usable[index]:
             raise FlatsatError("the drone's pose is not known: it needs fresh poses to take off")
-        if reason := self._unready(index):
+        if reason := self._orientations.unready(index):
             raise FlatsatError(reason)
         climb = np.array([0.0, 0.0, require_positive("height", height, "m")])
         yaw = float(self.estimator.yaw[index])
@@ -201,21 +201,6 @@ class Pilot:
         else:
             self.traffic.admit_take_off(index, place + climb, yaw)
         self._begin(index, patient=False)
-
-    def _unready(self, index: int) -> str:
-        """Return why drone index must not take off though its pose is known; empty if it may."""
-        tilt = float(self.estimator.tilt[index])
-        if np.isnan(tilt) and self._policy.yaw_source is YawSource.MEASURED:
-            return "its orientation was never seen: take-off needs it, unless yaw_source is assumed"
-        if tilt > _TILTED:
-            return f"it is tilted by {np.degrees(tilt):.0f} deg: must be at most {np.degrees(_TILTED):.0f}; is z up?"
-        return ""
-
-    def _unready_all(self) -> np.ndarray:
-        """Tell who must not take off though its pose is known, (N,); see `_unready`."""
-        tilt = self.estimator.tilt
-        unseen = np.isnan(tilt) if self._policy.yaw_source is YawSource.MEASURED else np.zeros(tilt.size, dtype=bool)
-        return unseen | (tilt > _TILTED)
 
     def land(self, index: int) -> None:
         """Let drone index brake, sink where it is until something carries it, then rest.
@@ -288,7 +273,7 @@ class Pilot:
         self._state = state
         usable = self._usable = self.estimator.usable(now, self._policy.pose_timeout)
         grounded = _GROUNDED[self.mode]
-        ready = usable & ~(grounded & self._unready_all()) if np.count_nonzero(grounded) else usable
+        ready = usable & ~(grounded & self._orientations.unready_all()) if np.count_nonzero(grounded) else usable
         sight = self._senses.look(now, estimated, ready, self.mode, self._guidance)
         transitions = self._supervisor.advance(now, sight)
         if transitions:
@@ -306,22 +291,31 @@ class Pilot:
                 self._guidance.land(index, now)
                 self._reports.append(Report(index, f"{text}: it brakes and lands"))
 
+        for index in self._orientations.patience_ends(now, flying):
+            self._guidance.land(index, now)
+            self._reports.append(Report(index, "its orientation is not seen and yaw_source is measured: it lands"))
         disturbance, spent = self._compensate(estimate, flying)
         base = reference.copy()
         base[:, 6:] -= disturbance
         output = self._steering.step(state, self.estimator.yaw, base, flying)
         level = (self.mode == _LEVEL) | (self.mode == _DESCEND)
-        yaw_rate = self._yaw.turn(self.estimator.yaw, references.yaw, flying, level)
+        seen = self._orientations.seen(now)
+        yaw_rate = self._yaw.turn(self.estimator.yaw, references.yaw, flying & seen, level | (flying & ~seen))
         command, acceleration = self._command(now, output, flying, level)
 
         margin = references.margin - spent
         fixed = references.at_rest & (spent == 0.0)
         assessment = self._monitor.assess(output.error, margin, fixed)
         self._monitor.follow(acceleration - np.where(flying[:, np.newaxis], base[:, 6:], 0.0))
-        free = self._senses.note(acceleration, estimated, flying, self._guidance.landing)
+        free = self._senses.note(acceleration, estimated, self.estimator.yaw, flying, self._guidance.landing)
+        correction = acceleration - base[:, 6:]
+        for index in self._senses.at_limit(now, correction, estimate, output.error, self._guidance.landing):
+            if flying[index]:
+                self._guidance.land(index, now, state[index, :3])
         self._full = command[:, 0] >= _FULL * self.certificate.limits.thrust_max
-        self.estimator.command(now, acceleration, free)
-        reports, self._reports = self._reports, []
+        self.estimator.command(now, acceleration, free, level | (flying & ~self._senses.grounded))
+        told = self._senses.reports() + self.estimator.complaints()
+        reports, self._reports = self._reports + [Report(*entry) for entry in told], []
         return Tick(
             mode=self.mode.copy(),
             input=command,
@@ -333,7 +327,7 @@ class Pilot:
             thrust_scale=self._senses.thrust.cautious(flying),
             assessment=assessment,
             transitions=transitions,
-            reports=tuple(reports + [Report(*complaint) for complaint in self.estimator.complaints()]),
+            reports=tuple(reports),
             duration=perf_counter() - begin,
         )
 

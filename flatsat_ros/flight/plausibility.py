@@ -13,12 +13,16 @@ import numpy as np
 
 # a stamp may be ahead of the arrival by this much, s: clocks of two machines differ a little
 _AHEAD = 0.1
-# stamps this far behind the arrival, s, are of another clock, or come too late to be flown on
+# stamps this far behind the arrival, s, are of another clock, or come too late to be flown on; those with the second
+# age, s, are told of if they last for the third, s: more delay than any certificate here allows for
 _BEHIND = 0.5
+_LATE, _LATE_FOR = 0.15, 0.5
 # sum of coordinates, m, beyond which a position is a fault
 _FARTHEST = 1e4
 # a position that repeats exactly for so long, s, while so much, m/s^2, is commanded, is an old one
 _REPEATED = ((0.15, 0.05), (0.6, 1e-3))
+# one that moves faster than this, m/s, is never twice in the same place
+_MOVES = 0.05
 # a refusal of the same kind within this time, s, is the same event
 _SAME_EVENT = 1.0
 # a quaternion's norm may differ from 1 by this much
@@ -35,6 +39,7 @@ class Fault(Enum):
     REPEATED = "the same pose again and again in flight: motion capture has lost the drone"
     EXCHANGED = "poses that fit another drone: the two may be exchanged"
     JUMP = "poses that jump by {0:.2f} m"
+    FAR = "poses that jump by {0:.2f} m in flight, more than any motion: not flown to"
 
 
 class PoseScreen:
@@ -44,6 +49,7 @@ class PoseScreen:
         self._last: list[tuple[float, ...]] = [()] * count  # position of the newest pose
         self._since = np.full(count, np.inf)  # s, stamp from which on it repeats
         self._old = np.zeros(count, dtype=bool)  # it is an old one until another one comes
+        self._late_since = [math.inf] * count  # s, since when all poses have come late
         self._told: dict[tuple[int, str], float] = {}  # s, when an event was seen last
         self._complaints: list[tuple[int, str]] = []
 
@@ -56,6 +62,7 @@ class PoseScreen:
         now: float,
         newest: float,
         commanded: float,
+        speed: float,
     ) -> Fault | None:
         """Return why a pose of drone index cannot be true, None if it can.
 
@@ -66,7 +73,8 @@ class PoseScreen:
             quaternion: (4,) x, y, z, w.
             now: time of its arrival, s.
             newest: stamp of the newest pose taken in, s.
-            commanded: size of the acceleration that is commanded, m/s^2.
+            commanded: size of the acceleration that is commanded in the air, m/s^2.
+            speed: estimated in the air, m/s.
         """
         x, y, z = position
         if not abs(x) + abs(y) + abs(z) <= _FARTHEST or not math.isfinite(stamp):
@@ -85,17 +93,30 @@ class PoseScreen:
         self._old[index] |= any(lasted >= time and commanded >= least for time, least in _REPEATED)
         if self._old[index]:
             return Fault.REPEATED
-        return None
+        return Fault.OLD if speed > _MOVES else None
 
     def complain(self, index: int, fault: Fault, now: float, amount: float = 0.0) -> None:
         """Remember to tell about a refused pose, once per event."""
         if fault.value is not None:
             self._tell(index, fault.name, fault.value.format(amount), now)
 
-    def note(self, index: int, stamp: float, now: float) -> None:
-        """Remember to tell about a pose that was taken in but is of no use: its stamp is far behind."""
-        if now - stamp > _BEHIND:
-            self._tell(index, "BEHIND", f"pose stamps {now - stamp:.2f} s behind the clock: set the clocks alike", now)
+    def note_age(self, index: int, stamp: float, now: float) -> None:
+        """Remember to tell about a pose whose stamp is far behind its arrival, or about many that are behind."""
+        age = now - stamp
+        if age > _BEHIND:
+            shown = f"{age:.2f}" if age < 1e5 else f"{age:.3g}"
+            self._tell(index, "BEHIND", f"pose stamps {shown} s behind the clock: set the clocks alike", now)
+        self._late_since[index] = min(self._late_since[index], now) if age > _LATE else math.inf
+        if now - self._late_since[index] >= _LATE_FOR and age <= _BEHIND:
+            self._tell(index, "LATE", f"poses {age:.2f} s old when they arrive: they come late, or clocks differ", now)
+
+    def note_move(self, index: int, distance: float, now: float) -> None:
+        """Remember to tell that poses have jumped by a distance, m, for good, and are taken as they are."""
+        self._tell(index, "MOVED", f"poses have jumped by {distance:.2f} m and stay there: they are followed", now)
+
+    def note_orientation(self, index: int, now: float) -> None:
+        """Remember to tell about an orientation that is NaN or not of unit length."""
+        self._tell(index, "ORIENTATION", "poses without a valid orientation: its yaw is not seen", now)
 
     def _tell(self, index: int, kind: str, text: str, now: float) -> None:
         if not 0.0 <= now - self._told.get((index, kind), -math.inf) < _SAME_EVENT:

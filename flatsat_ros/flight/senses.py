@@ -7,7 +7,13 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.flight.descent import BlindDescent
-from flatsat_ros.flight.detectors import AstrayDetector, FallDetector, LiftOffDetector, TouchDownDetector
+from flatsat_ros.flight.detectors import (
+    AstrayDetector,
+    FallDetector,
+    LiftOffDetector,
+    TiltLimitDetector,
+    TouchDownDetector,
+)
 from flatsat_ros.flight.guidance import Guidance
 from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.supervisor import AIRBORNE, Mode, Sight
@@ -22,6 +28,11 @@ _LIFTING = 0.3
 _LIFTING_SLOW = 0.02
 # a certificate that knows nothing of lag and delay does not make the drone answer sooner than after this, s
 _LATE = 0.15
+_SLID = "told to climb, it moves sideways instead: is z up in the poses?"
+_BLOWN = "at the limit of its tilt and {0:.1f} m off its reference, no nearer for seconds: wind? It lands where it is"
+_SWINGS = "it swings from one side to the other: do poses or commands come too late?"
+# the lift of a drone that is to sink without poses is the mean over about this time, s: a gust does not last
+_LIFT_TIME = 1.0
 # a drone that moves faster than this, m/s, does not stand
 _MOVING = 0.1
 
@@ -48,6 +59,10 @@ class Senses:
         self._lift_off = LiftOffDetector(count, policy.lift_off_time)
         self._fall = FallDetector(count)
         self._astray = AstrayDetector(count, self._period, max(certificate.lag + certificate.delay, _LATE))
+        self._limit = TiltLimitDetector(count, certificate.limits.tilt_max, gravity)
+        self._blown = np.zeros(count, dtype=bool)  # it lands because the wind is too strong, until it is down
+        self._reports: list[tuple[int, str]] = []
+        self._lift = np.zeros(count)  # what lifts each beside its thrust, m/s^2, without gusts
         self._unlocked = np.zeros(count, dtype=bool)  # it stood on the ground when its flight began
         self._gone_astray = np.zeros(count, dtype=bool)  # until it is down
         self._free = np.zeros(count, dtype=bool)  # steered in the air, away from the ground
@@ -58,6 +73,7 @@ class Senses:
         """Let nothing last longer because the clock was set back to now, s."""
         self.descent.set_clock_back(now)
         self._fall.set_clock_back(now)
+        self._limit.set_clock_back(now)
 
     def look(
         self, now: float, estimated: FloatArray, usable: np.ndarray, mode: np.ndarray, guidance: Guidance
@@ -76,29 +92,39 @@ class Senses:
         state, disturbance = estimated[:, :6], estimated[:, 6:]
         upward = self._acceleration[:, 2]
         flying = (mode == Mode.FLY.value) & usable
-        held = self._lift_off.held(now, state[:, 2], upward, flying)
+        held = self._lift_off.held(now, state[:, :3], upward, flying)
+        slid = self._lift_off.slid & self._unlocked
+        if np.count_nonzero(slid & ~self._gone_astray):
+            self._reports += [(int(i), _SLID) for i in np.flatnonzero(slid & ~self._gone_astray)]
+            self._gone_astray = self._gone_astray | slid
         standing = self._lift_off.standing
         height = np.where(flying & ~standing, state[:, 2] - guidance.ground, np.inf)
         self._sight = Sight(
             height=state[:, 2],
             usable=usable,
-            touched_down=self._touch_down.carried(now, state[:, 5], upward, flying & guidance.landing),
+            touched_down=self._touch_down.carried(now, state[:, 2], upward, flying & guidance.landing),
             held=held,
             fell=self._fall.fell(now, state, disturbance[:, 2], upward, height),
             astray=self._gone_astray,
             descended=self.descent.over(now),
-            grounded=self._unlocked & standing,
+            grounded=self.grounded,
         )
         return self._sight
 
     def note(
-        self, acceleration: FloatArray, estimated: FloatArray, flying: np.ndarray, landing: np.ndarray
+        self,
+        acceleration: FloatArray,
+        estimated: FloatArray,
+        yaw: FloatArray,
+        flying: np.ndarray,
+        landing: np.ndarray,
     ) -> np.ndarray:
         """Learn from one tick; return who is steered in the air, away from the ground, (N,).
 
         Args:
             acceleration: (N, 3) commanded, m/s^2.
             estimated: (N, 9), see `look`.
+            yaw: (N,) psi, rad.
             flying: (N,) who is steered.
             landing: (N,) who lands, and may be carried by something when it is low.
         """
@@ -114,9 +140,46 @@ class Senses:
         lifting = flying & standing & (acceleration[:, 2] >= _LIFTING) & (climb < _LIFTING_SLOW)
         learning = flying & ~(standing & self._unlocked) & (high | ~landing)
         self.thrust.learn(acceleration[:, 2] + self._gravity, disturbance[:, 2], learning, lifting, self._period)
-        self._gone_astray = self._gone_astray | self._astray.astray(self._push[:, :2], estimated[:, 3:5], free)
+        self._gone_astray = self._gone_astray | self._astray.astray(self._push[:, :2], estimated[:, 3:5], yaw, free)
+        self._lift += (self._period / _LIFT_TIME) * np.where(high, disturbance[:, 2] - self._lift, 0.0)
         self._push, self._free = np.zeros_like(self._push), free
         return self._free
+
+    def at_limit(
+        self, now: float, correction: FloatArray, disturbance: FloatArray, error: FloatArray, landing: np.ndarray
+    ) -> list[int]:
+        """Return who shall land because the limit of its tilt does not let it follow, and told so once per flight.
+
+        Args:
+            now: s.
+            correction: (N, 3) what the error asks for, m/s^2.
+            disturbance: (N, 3) estimated, m/s^2.
+            error: (N, 6) state minus reference, m and m/s.
+            landing: (N,) who lands.
+        """
+        if self._ticks % self._every:
+            return []
+        blown, swinging, opposed = self._limit.look(
+            now, self._acceleration, correction[:, :2], disturbance[:, :2], error[:, :2], self._free, landing
+        )
+        if not np.count_nonzero(blown | swinging | opposed | self._blown):
+            return []
+        for index in map(int, np.flatnonzero(blown & ~self._blown)):
+            self._reports.append((index, _BLOWN.format(float(np.hypot(*error[index, :2])))))
+        self._reports += [(int(index), _SWINGS) for index in np.flatnonzero(swinging & ~self._gone_astray)]
+        self._gone_astray = self._gone_astray | swinging | opposed
+        self._blown = self._blown | blown
+        return [int(index) for index in np.flatnonzero(self._blown)]
+
+    def reports(self) -> list[tuple[int, str]]:
+        """Return what is to be told, drone and text, once."""
+        reports, self._reports = self._reports, []
+        return reports
+
+    @property
+    def grounded(self) -> np.ndarray:
+        """(N,) who was unlocked on the ground and has not left it yet."""
+        return np.asarray(self._unlocked & self._lift_off.standing)
 
     @property
     def _low(self) -> float:
@@ -146,16 +209,18 @@ class Senses:
         self._sight = None
         height = float(estimated[2])
         if after is Mode.LEVEL or (after is Mode.DESCEND and before is Mode.FLY):
-            lift = float(estimated[8]) if self.thrust.is_settled(index) else None
+            lift = float(self._lift[index]) if self.thrust.is_settled(index) else None
+            if self._lift_off.slid[index]:
+                height += self._lift_off.moved(index, estimated[:3])  # that may be its height
             self.descent.begin(index, now, height - float(guidance.ground[index]), float(estimated[5]), lift)
         if after in (Mode.CUT, Mode.REST, Mode.FALLEN, Mode.IDLE):
-            self._gone_astray[index] = False
+            self._gone_astray[index] = self._blown[index] = False
         if after is Mode.FALLEN or (before is Mode.FLY and after is Mode.UNLOCK):
             self.thrust.forget(index)
         if before is Mode.IDLE and after is Mode.FLY:
             self.thrust.take_over(index)
         if after is Mode.UNLOCK or (after is Mode.FLY and before not in AIRBORNE):
-            self._lift_off.begin(index, height)
+            self._lift_off.begin(index, estimated[:3])
             self._unlocked[index] = after is Mode.UNLOCK or before is Mode.UNLOCK
             return height if after is Mode.UNLOCK or height < self._low else None
         return None

@@ -44,6 +44,10 @@ AIRBORNE = (Mode.FLY, Mode.LEVEL, Mode.DESCEND)
 
 # a drone lower than this above the floor, m, stands on it until it has flown
 STANDING_HEIGHT = 0.15
+# what a drone flew level without poses counts with its next loss, less this share of the time between them
+_FORGOTTEN = 0.2
+# poses are steady when all have been usable for this long, s
+_STEADY_TIME = 0.5
 # a take-off waits so long, s, for poses that are lost
 _TAKE_OFF_PATIENCE = 5.0
 
@@ -55,7 +59,9 @@ class Situation:
     Attributes:
         elapsed: s since the present mode began.
         policy: the figures.
+        blind: s for which it was held level before, so lately that it counts with the present time.
         usable: the estimate can be flown on.
+        steady: it could for half a second.
         standing: the estimated height is that of something that stands on the floor.
         requested: a reference was given since the motors were last stopped.
         unlocking: it was armed on the ground and shall be unlocked without flying.
@@ -74,6 +80,8 @@ class Situation:
     usable: bool
     standing: bool
     requested: bool
+    blind: float = 0.0
+    steady: bool = False
     unlocking: bool = False
     touched_down: bool = False
     held: bool = False
@@ -101,8 +109,8 @@ class Situation:
 
     @property
     def levelled(self) -> bool:
-        """The mode has lasted for `level_time`."""
-        return self.elapsed >= self.policy.level_time
+        """It has been held level for `level_time`, with what was flown level shortly before."""
+        return self.elapsed + self.blind >= self.policy.level_time
 
     @property
     def rested(self) -> bool:
@@ -151,7 +159,7 @@ CONDITIONS: dict[Event, tuple[str, ...]] = {
     Event.POSE_LOST: ("not usable",),
     Event.POSE_LOST_GROUNDED: ("not usable", "grounded"),
     Event.POSE_BACK: ("usable",),
-    Event.POSE_BACK_LATE: ("usable", "not astray"),
+    Event.POSE_BACK_LATE: ("usable", "steady", "not astray"),
     Event.TOUCHED_DOWN: ("touched_down",),
     Event.HELD: ("held", "not retried"),
     Event.HELD_AGAIN: ("held", "retried"),
@@ -258,6 +266,8 @@ class Supervisor:
         self._policy = policy
         self._since = np.full(count, -np.inf)
         self.requested = np.zeros(count, dtype=bool)
+        self._blind = np.zeros(count)  # see Situation, at the beginning of the mode, s
+        self._usable_since = np.full(count, np.inf)  # of drones without poses
         self._patient = np.zeros(count, dtype=bool)  # it waits for poses that are lost; a take-off by service does not
         self._retried = np.zeros(count, dtype=bool)  # unlocked a second time for the same reference
         self._rearmed = np.zeros(count, dtype=bool)  # a person armed it since it fell
@@ -340,6 +350,7 @@ class Supervisor:
     def set_clock_back(self, now: float) -> None:
         """Let no mode last longer because the clock was set back to now, s."""
         self._since = np.minimum(self._since, now)
+        self._usable_since = np.where(np.isfinite(self._usable_since), np.minimum(self._usable_since, now), np.inf)
 
     def advance(self, now: float, sight: Sight) -> tuple[Transition, ...]:
         """Take the modes to time now, s; return the transitions since the last call.
@@ -355,12 +366,15 @@ class Supervisor:
             return tuple(made)
         for index in map(int, np.flatnonzero(~flies | np.any(events, axis=0))):
             before = Mode(self.mode[index])
+            seen = self._usable_since[index] = min(now, self._usable_since[index]) if sight.usable[index] else np.inf
             situation = Situation(
                 elapsed=now - float(self._since[index]),
                 policy=self._policy,
                 usable=bool(sight.usable[index]),
                 standing=bool(sight.height[index] < self._policy.floor + STANDING_HEIGHT),
                 requested=bool(self.requested[index]),
+                blind=float(self._blind[index]),
+                steady=bool(now - seen >= _STEADY_TIME),
                 unlocking=bool(self.unlocking[index]),
                 touched_down=bool(sight.touched_down[index]),
                 held=bool(sight.held[index]),
@@ -383,6 +397,11 @@ class Supervisor:
         return now - self._since
 
     def _enter(self, index: int, event: Event, after: Mode, now: float) -> None:
+        elapsed, before = now - float(self._since[index]), self.mode[index]
+        if before == Mode.LEVEL:
+            self._blind[index] += elapsed
+        elif after is Mode.LEVEL:
+            self._blind[index] = max(0.0, float(self._blind[index]) - _FORGOTTEN * elapsed)
         self.mode[index], self._since[index] = after.value, now
         if after in (Mode.CUT, Mode.REST, Mode.FALLEN):
             self.requested[index] = self._rearmed[index] = False

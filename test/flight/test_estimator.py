@@ -231,6 +231,89 @@ def test_a_single_jump_is_rejected_and_a_lasting_one_is_believed() -> None:
     assert not estimator.usable(1.14, 0.3).any(), "where it is says nothing about how fast it flies"
 
 
+def aloft(estimator: Estimator, t: float) -> None:
+    """Tell the estimator that drone 0 is steered in the air at t, s."""
+    estimator.command(t, np.zeros((1, 3)), np.ones(1, dtype=bool), np.ones(1, dtype=bool))
+
+
+def texts(estimator: Estimator) -> str:
+    return "; ".join(text for _, text in estimator.complaints())
+
+
+@pytest.mark.parametrize("away", [(3.0, 0.0, 0.0), (0.0, 0.0, -0.8), (1000.0, 0.0, 1000.0)])
+def test_in_the_air_poses_that_jump_far_are_not_followed_until_they_are_back_or_the_drone_is_down(
+    away: tuple[float, float, float],
+) -> None:
+    here = np.array([0.0, 0.0, 1.0])
+    for back in (0.4, 2.0):
+        estimator = Estimator(1)
+        watch(estimator, lambda _: here, 0.0, 1.0)
+        aloft(estimator, 1.0)
+        steps = np.arange(1.0, 1.0 + back, 0.01)
+        assert not any(estimator.measure(0, t, tuple(here + away), LEVEL, t) for t in steps)
+        assert "in flight, more than any motion: not flown to" in texts(estimator)
+        assert estimator.measure(0, 1.0 + back, tuple(here), LEVEL, 1.0 + back) is (back < 1.0)
+        estimator.command(4.0, np.zeros((1, 3)), np.zeros(1, dtype=bool), np.zeros(1, dtype=bool))
+        assert estimator.measure(0, 4.0, tuple(here + away), LEVEL, 4.0), "on the ground it is where they say"
+
+
+def test_in_the_air_a_small_shift_of_all_poses_is_followed_and_told() -> None:
+    estimator = Estimator(1)
+    watch(estimator, lambda _: np.array([0.0, 0.0, 1.0]), 0.0, 1.0)
+    aloft(estimator, 1.0)
+    shifted = [estimator.measure(0, 1.0 + 0.01 * n, (0.3, 0.0, 1.0), LEVEL, 1.0 + 0.01 * n) for n in range(5)]
+    assert shifted == [False, False, False, False, True]
+    assert "stay there: they are followed" in texts(estimator)
+
+
+def test_a_moving_drone_is_never_twice_in_the_same_place() -> None:
+    estimator = Estimator(1)
+    watch(estimator, turning, 0.0, 1.0)
+    aloft(estimator, 1.0)
+    stays = tuple(turning(0.99))
+    assert not any(estimator.measure(0, t, stays, LEVEL, t) for t in np.arange(1.0, 1.3, 0.01))
+    assert velocity_error(estimator, turning_velocity, 1.0) < 0.1, "repeated poses do not bring it to rest"
+
+
+@pytest.mark.parametrize(("behind", "shown"), [(1.7e9, "1.7e+09"), (5.0, "5.00"), (0.6, "0.60")])
+@pytest.mark.parametrize("after", [0.0, 1.0])
+def test_stamps_of_another_clock_are_told_with_how_far_they_are_behind(behind: float, shown: str, after: float) -> None:
+    estimator = Estimator(1)
+    watch(estimator, turning, 0.0, after)
+    for t in np.arange(after, after + 0.1, 0.01):
+        estimator.measure(0, t - behind, tuple(turning(t)), LEVEL, t)
+    told = estimator.complaints()
+    assert [text for _, text in told] == [f"pose stamps {shown} s behind the clock: set the clocks alike"]
+    assert not estimator.usable(after + 0.1, 0.05).any()
+
+
+@pytest.mark.parametrize(("age", "told"), [(0.1, False), (0.2, True), (0.3, True)])
+def test_poses_that_always_come_late_are_told_with_their_age(age: float, told: bool) -> None:
+    estimator = Estimator(1)
+    for t in np.arange(0.0, 2.0, 0.01):
+        estimator.measure(0, t, tuple(turning(t)), LEVEL, t + age)
+    assert texts(estimator) == (
+        f"poses {age:.2f} s old when they arrive: they come late, or clocks differ" if told else ""
+    )
+
+
+def test_now_and_then_a_late_pose_is_not_told() -> None:
+    estimator = Estimator(1)
+    for n in range(200):
+        estimator.measure(0, 0.01 * n, tuple(turning(0.01 * n)), LEVEL, 0.01 * n + (0.25 if n % 20 == 0 else 0.0))
+    assert texts(estimator) == ""
+
+
+def test_an_invalid_orientation_is_told_once_and_its_age_is_known() -> None:
+    estimator = Estimator(1)
+    watch(estimator, turning, 0.0, 1.0)
+    for t in np.arange(1.0, 2.0, 0.01):
+        estimator.measure(0, t, tuple(turning(t)), (math.nan,) * 4, t)
+    assert texts(estimator) == "poses without a valid orientation: its yaw is not seen"
+    assert estimator.oriented[0] == pytest.approx(0.99)
+    assert estimator.newest[0] == pytest.approx(1.99)
+
+
 def test_a_restart_forgets_everything_but_the_counters() -> None:
     estimator = Estimator(1)
     watch(estimator, turning, 100.0, 101.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.flight.pilot import Pilot
-from flatsat_ros.flight.policy import GoalMode, Policy
+from flatsat_ros.flight.policy import GoalMode, Policy, YawSource
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
@@ -53,12 +54,18 @@ def require_within_limits(tick: Tick) -> None:
 class World:
     """Ideal drones on a floor at z = 0 with motion capture at 100 Hz and the pilot at 10 Hz."""
 
-    def __init__(self, count: int = 1, mu: float = 2.0, start: tuple[float, ...] = (-0.6, -0.6, 0.0)) -> None:
-        self.pilot = Pilot(CERTIFICATE, tuning(mu), POLICY, count)
+    def __init__(
+        self,
+        count: int = 1,
+        mu: float = 2.0,
+        start: tuple[float, ...] = (-0.6, -0.6, 0.0),
+        policy: Policy = POLICY,
+    ) -> None:
+        self.pilot = Pilot(CERTIFICATE, tuning(mu), policy, count)
         self.x = np.tile([*start, 0.0, 0.0, 0.0], (count, 1))
         self.yaw = np.zeros(count)
         self.blind = np.zeros(count, dtype=bool)
-        self.held = False
+        self.held = self.unoriented = False
         self.missing = 0.0  # of the thrust, m/s^2
         self.steps = 0
         self.offset = 0.0
@@ -75,6 +82,8 @@ class World:
             for i in np.flatnonzero(~self.blind):
                 half = float(self.yaw[i]) / 2.0
                 quaternion = (0.0, 0.0, math.sin(half), math.cos(half))
+                if self.unoriented:
+                    quaternion = (math.nan,) * 4
                 self.pilot.measure(int(i), self.now, tuple(self.x[i, :3]), quaternion, self.now)
             if self.steps % 10 == 0:
                 ticks.append(self.pilot.tick(self.now))
@@ -97,9 +106,9 @@ def modes(ticks: list[Tick]) -> list[Mode]:
     return [mode for mode, before in zip(sequence, [None, *sequence], strict=False) if mode is not before]
 
 
-def airborne(count: int = 1) -> World:
+def airborne(count: int = 1, policy: Policy = POLICY) -> World:
     """Drones hovering at 1 m."""
-    world = World(count, start=(0.0, 0.0, 1.0))
+    world = World(count, start=(0.0, 0.0, 1.0), policy=policy)
     for i in range(count):
         world.pilot.set_reference(i, Trajectory.hold([0.0, 0.0, 1.0]))
     world.fly(1.0)
@@ -154,6 +163,23 @@ def test_a_yaw_angle_goes_the_shorter_way_and_leads_the_drone_by_a_limited_angle
         assert abs(lead) <= 2.0 / 3.0 + 0.1
         assert lead * float(tick.yaw_rate[0]) >= -1e-12
     assert math.cos(float(tick.yaw[0]) - goal) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_a_drone_whose_orientation_is_not_seen_is_not_turned_and_lands_unless_its_yaw_is_assumed() -> None:
+    for source in YawSource:
+        world = airborne(policy=replace(POLICY, yaw_source=source))
+        world.pilot.set_reference(0, Trajectory.hold([0.0, 0.0, 1.0], 2.0))
+        world.fly(0.3)
+        world.unoriented = True
+        ticks = world.fly(2.5)
+        assert all(tick.yaw_rate[0] == 0.0 for tick in ticks[7:])
+        assert {float(tick.yaw[0]) for tick in ticks[7:]} == {float(ticks[7].yaw[0])}
+        assert abs(world.x[0, 2] - 1.0) < 0.05
+        ticks += world.fly(9.0)
+        lands = source is YawSource.MEASURED
+        assert (modes(ticks)[-1] in (Mode.REST, Mode.IDLE)) is lands
+        told = [report.text for tick in ticks for report in tick.reports]
+        assert ("its orientation is not seen and yaw_source is measured: it lands" in told) is lands
 
 
 def test_level_without_poses_a_drone_keeps_its_heading() -> None:

@@ -7,13 +7,24 @@ import math
 from dataclasses import fields
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.flight.policy import Policy
-from flatsat_ros.flight.supervisor import AIRBORNE, TABLE, Event, Mode, Situation, next_mode
+from flatsat_ros.flight.supervisor import (
+    AIRBORNE,
+    CONDITIONS,
+    TABLE,
+    Event,
+    Mode,
+    Sight,
+    Situation,
+    Supervisor,
+    next_mode,
+)
 
 POLICY = Policy(pose_timeout=0.3, level_time=0.5, unlock_time=0.5, level_thrust=0.9)
 
@@ -42,7 +53,8 @@ ROWS = {
     ],
     Mode.LEVEL: [("usable", Mode.FLY), ("-usable over", Mode.DESCEND)],
     Mode.DESCEND: [
-        ("usable -astray", Mode.FLY),
+        ("usable steady -astray", Mode.FLY),
+        ("usable -steady -astray descended", Mode.CUT),
         ("-usable descended", Mode.CUT),
         ("usable astray descended", Mode.CUT),
     ],
@@ -50,7 +62,7 @@ ROWS = {
     Mode.REST: [("over", Mode.IDLE)],
     Mode.FALLEN: [("rearmed", Mode.IDLE)],
 }
-FLAGS = [field.name for field in fields(Situation) if field.name not in ("elapsed", "policy")]
+FLAGS = [field.name for field in fields(Situation) if field.name not in ("elapsed", "policy", "blind")]
 DURATION = {Mode.UNLOCK: POLICY.unlock_time, Mode.LEVEL: POLICY.level_time, Mode.REST: POLICY.rest_time}
 
 
@@ -68,13 +80,50 @@ def expected(mode: Mode, flags: dict[str, bool]) -> Mode:
 @pytest.mark.parametrize("mode", list(Mode))
 def test_every_transition_is_that_of_the_rows_in_every_situation(mode: Mode) -> None:
     limit = DURATION.get(mode, 1.0)
-    for values in itertools.product([False, True], repeat=len(FLAGS)):
-        flags = dict(zip(FLAGS, values, strict=True))
+    looked_at = {word.removeprefix("-") for text, _ in ROWS[mode] for word in text.split()}
+    conditions = {term.removeprefix("not ") for event, _ in TABLE[mode] for term in CONDITIONS[event]}
+    named = [flag for flag in FLAGS if flag in looked_at | conditions | {"requested", "unlocking", "usable"}]
+    for values, others in itertools.product(itertools.product([False, True], repeat=len(named)), [False, True]):
+        flags = dict.fromkeys(FLAGS, others) | dict(zip(named, values, strict=True))
         for elapsed in (0.0, math.nextafter(limit, 0.0), limit, limit + 60.0):
             times = {"over": elapsed >= limit, "late": elapsed >= limit + 5.0}
             after, event = next_mode(mode, Situation(elapsed, POLICY, **flags))
             assert after is expected(mode, flags | times), (mode, flags, elapsed)
             assert (event is None) == (after is mode)
+
+
+@given(
+    losses=st.lists(st.tuples(st.floats(0.05, 0.4), st.floats(0.0, 0.6)), min_size=1, max_size=20),
+    lasts=st.floats(0.0, 1.0),
+)
+def test_poses_that_come_and_go_count_as_lost_when_most_are(losses: list[tuple[float, float]], lasts: float) -> None:
+    """What was flown blindly adds up, less a fifth of the time with poses; at `level_time` the drone sinks."""
+    supervisor, now, blind = Supervisor(POLICY, 1), 0.0, 0.0
+    supervisor.request(0, patient=True)
+
+    def see(usable: bool) -> Mode:
+        flags = dict.fromkeys(Sight._fields, np.zeros(1, dtype=bool))
+        sight = Sight(**flags | {"height": np.ones(1), "usable": np.array([usable])})
+        supervisor.advance(now, sight)
+        return Mode(supervisor.mode[0])
+
+    assert see(True) is Mode.FLY
+    for without, seen in losses:
+        now, blind = now + seen, max(0.0, blind - 0.2 * seen)
+        assert see(False) is Mode.LEVEL
+        now, blind = now + without, blind + without
+        if abs(blind - POLICY.level_time) < 1e-9:
+            return
+        if blind > POLICY.level_time:
+            assert see(False) is Mode.DESCEND
+            break
+        assert see(True) is Mode.FLY
+    else:
+        return
+    now += 0.1
+    assert see(True) is Mode.DESCEND, "one pose is not enough to land by"
+    now += lasts
+    assert see(True) is (Mode.FLY if lasts >= 0.5 else Mode.DESCEND)
 
 
 def test_every_event_is_in_the_table_and_leads_somewhere_else() -> None:

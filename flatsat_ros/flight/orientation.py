@@ -1,0 +1,58 @@
+"""Whether the orientations of N drones are seen, and what is done without: it depends on `yaw_source`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flatsat_ros.flight.estimator import Estimator
+from flatsat_ros.flight.policy import YawSource
+
+# a drone that stands is tilted by less than this, rad
+_TILTED = 0.7
+# an orientation older than this, s, does not show the yaw any more: the drone is not turned, and keeps its heading
+_UNSEEN_TIME = 0.5
+# with yaw_source measured a drone lands after so long, s, without an orientation: its yaw drifts by degrees meanwhile
+_PATIENCE = 3.0
+
+
+class Orientations:
+    """Looks at the orientations that an estimator has taken in."""
+
+    def __init__(self, estimator: Estimator, source: YawSource, count: int) -> None:
+        """Watch an estimator of N drones."""
+        self._estimator = estimator
+        self._measured = source is YawSource.MEASURED
+        self._lands = np.zeros(count, dtype=bool)  # it was told to land because its orientation is not seen
+
+    def unready(self, index: int) -> str:
+        """Return why drone index must not take off though its position is known; empty if it may."""
+        tilt = float(self._estimator.tilt[index])
+        if np.isnan(tilt) and self._measured:
+            return "its orientation was never seen: take-off needs it, unless yaw_source is assumed"
+        if tilt > _TILTED:
+            return f"it is tilted by {np.degrees(tilt):.0f} deg: must be at most {np.degrees(_TILTED):.0f}; is z up?"
+        return ""
+
+    def unready_all(self) -> np.ndarray:
+        """Tell who must not take off though its position is known, (N,); see `unready`."""
+        tilt = self._estimator.tilt
+        tilted = np.asarray(tilt > _TILTED)
+        return tilted | np.isnan(tilt) if self._measured else tilted
+
+    def seen(self, now: float) -> np.ndarray:
+        """Tell whose orientation is seen, (N,)."""
+        return np.asarray(now - self._estimator.oriented <= _UNSEEN_TIME)
+
+    def patience_ends(self, now: float, flying: np.ndarray) -> list[int]:
+        """Return who shall land now because its orientation has not been seen for too long, each once per event.
+
+        Args:
+            now: s.
+            flying: (N,) who is steered.
+        """
+        if not self._measured:
+            return []
+        unseen = flying & (now - self._estimator.oriented > _PATIENCE)
+        found = [int(index) for index in np.flatnonzero(unseen & ~self._lands)]
+        self._lands = unseen
+        return found

@@ -1,0 +1,165 @@
+"""The detectors on made-up motion: what they take for a fault, and what they must not."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from flatsat_ros.flight.detectors import AstrayDetector, LiftOffDetector, TiltLimitDetector, TouchDownDetector
+
+LOOK = 0.05  # s between two looks
+LATE = 0.15  # s
+ON = np.ones(1, dtype=bool)
+OFF = np.zeros(1, dtype=bool)
+GRAVITY = 9.81
+TILT = math.radians(10.0)
+LIMIT = GRAVITY * math.tan(TILT)
+
+PHASES = st.lists(st.floats(0.0, 2.0 * math.pi), min_size=4, max_size=4)
+YAWS = st.floats(-math.pi, math.pi)
+
+
+def first_astray(answer: np.ndarray, phases: list[float], *, yaw: float = 0.0, gust: float = 0.0) -> float:
+    """Time, s, after which a drone is taken for one that goes astray; infinite for never in 6 s.
+
+    It is told to sway along both axes, and answers with answer (2, 2) times that, late, and with what a gust,
+    m/s^2, adds.
+    """
+    random, detector = np.random.default_rng(1), AstrayDetector(1, LOOK, LATE)
+    velocity, told, gusts = np.zeros(2), [], 0.0
+    for n in range(round(6.0 / LOOK)):
+        t = n * LOOK
+        pairs = zip((2.1, 3.3), phases[::2], phases[1::2], strict=True)
+        told.append(sum(0.6 * np.array([math.sin(w * t + a), math.sin(w * t + b)]) for w, a, b in pairs))
+        came = answer @ told[max(0, n - round(LATE / LOOK))]
+        gusts += LOOK * (random.normal(0.0, gust * math.sqrt(2.0 / LOOK), 2) - gusts)
+        velocity = velocity + LOOK * (came + gusts)
+        push = LOOK * told[-1][np.newaxis]
+        if detector.astray(push, velocity[np.newaxis] + random.normal(0.0, 2e-3, (1, 2)), np.array([yaw]), ON)[0]:
+            return t
+    return math.inf
+
+
+def turned(degrees: float) -> np.ndarray:
+    cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return np.array([[cos, -sin], [sin, cos]])
+
+
+@given(degrees=st.floats(80.0, 280.0), phases=PHASES, strength=st.floats(0.75, 1.0))
+@settings(max_examples=12)
+def test_commands_that_act_in_another_direction_are_noticed(
+    degrees: float, phases: list[float], strength: float
+) -> None:
+    assert first_astray(strength * turned(degrees), phases) < 3.0
+
+
+@given(degrees=st.floats(-45.0, 45.0), phases=PHASES, strength=st.floats(0.6, 1.2), gust=st.floats(0.0, 0.5))
+@settings(max_examples=12)
+def test_commands_that_act_nearly_as_told_are_left_in_peace_in_gusts_too(
+    degrees: float, phases: list[float], strength: float, gust: float
+) -> None:
+    assert first_astray(strength * turned(degrees), phases, gust=gust) == math.inf
+
+
+@given(yaw=YAWS, axis=st.integers(0, 1), phases=PHASES)
+@settings(max_examples=12)
+def test_an_axis_of_the_body_with_the_wrong_sign_is_noticed_at_every_yaw(
+    yaw: float, axis: int, phases: list[float]
+) -> None:
+    body = turned(math.degrees(yaw))
+    told = abs(math.sin(phases[0] - phases[1])) > 0.5 and abs(math.sin(phases[2] - phases[3])) > 0.5
+    negated = body @ np.diag([-1.0 if i == axis else 1.0 for i in (0, 1)]) @ body.T
+    if told:  # both axes are asked for something of their own
+        assert first_astray(negated, phases, yaw=yaw) < 4.0
+
+
+def limited(seconds: float, error_rate: float, start: float = 1.0, *, landing: bool = False) -> bool:
+    """Whether a drone at its limit is blown off whose error, m, grows at a rate, m/s."""
+    detector, blown = TiltLimitDetector(1, TILT, GRAVITY), False
+    at_limit = np.array([[LIMIT, 0.0, 0.0]])
+    for n in range(round(seconds / LOOK)):
+        error = np.array([[-max(0.0, start + error_rate * n * LOOK), 0.0]])
+        answer = detector.look(n * LOOK, at_limit, at_limit[:, :2], np.zeros((1, 2)), error, ON, np.array([landing]))
+        blown |= bool(answer[0][0])
+        assert not answer[1][0]
+        assert not answer[2][0]
+    return blown
+
+
+@given(rate=st.floats(0.0, 3.0), start=st.floats(0.51, 3.0))
+@settings(max_examples=15)
+def test_a_drone_at_its_limit_that_comes_no_nearer_is_blown_off(rate: float, start: float) -> None:
+    assert limited(2.2, rate, start)
+    assert not limited(1.9, rate, start)
+    assert limited(0.6, rate, start, landing=True)
+
+
+@given(rate=st.floats(0.1, 3.0), start=st.floats(0.0, 3.0))
+@settings(max_examples=15)
+def test_a_drone_on_its_way_to_a_far_set_point_is_not(rate: float, start: float) -> None:
+    assert not limited(5.0, -rate, start)
+    assert not limited(3.0, 0.0, 0.5), "nor one that is near"
+
+
+@pytest.mark.parametrize(("half", "swings"), [(0.5, True), (0.9, True), (1.4, True), (3.0, False)])
+def test_a_drone_that_is_sent_to_and_fro_swings(half: float, swings: bool) -> None:
+    detector, found = TiltLimitDetector(1, TILT, GRAVITY), False
+    for n in range(round(12.0 / LOOK)):
+        side = 0.8 * LIMIT * np.sign(math.sin(math.pi * (n + 0.5) * LOOK / half))
+        command = np.array([[side, 0.0, 0.0]])
+        _, swing, _ = detector.look(n * LOOK, command, command[:, :2], np.zeros((1, 2)), np.zeros((1, 2)), ON, OFF)
+        found |= bool(swing[0])
+    assert found is swings
+
+
+@given(ratio=st.floats(-3.0, 3.0))
+@settings(max_examples=15)
+def test_what_a_wrong_sign_does_at_the_limit_is_no_wind(ratio: float) -> None:
+    """A wrong sign makes -2 times the command of the disturbance."""
+    detector, command = TiltLimitDetector(1, TILT, GRAVITY), np.array([[0.0, LIMIT, 0.0]])
+    for n in range(8):
+        *_, opposed = detector.look(
+            n * LOOK, command, command[:, :2], ratio * command[:, :2], np.zeros((1, 2)), ON, OFF
+        )
+    assert opposed[0] == (ratio < -1.8)
+
+
+def carried(height: list[float], upward: list[float]) -> bool:
+    detector = TouchDownDetector(1)
+    pairs = enumerate(zip(height, upward, strict=True))
+    return any(bool(detector.carried(n * LOOK, np.array([z]), np.array([u]), ON)[0]) for n, (z, u) in pairs)
+
+
+@given(
+    noise=st.lists(st.floats(-0.02, 0.02), min_size=20, max_size=20),
+    upward=st.lists(st.floats(-6.0, -1.0), min_size=20, max_size=20).map(lambda found: [u - 0.5 for u in found]),
+)
+@settings(max_examples=15)
+def test_what_stays_at_its_height_though_it_is_told_to_sink_is_carried(noise: list[float], upward: list[float]) -> None:
+    assert carried(noise, upward)
+
+
+@given(climb=st.floats(-1.0, 1.0), upward=st.floats(-4.0, -1.2), bias=st.floats(-0.4, 0.4))
+@settings(max_examples=15)
+def test_what_is_free_to_fall_is_not(climb: float, upward: float, bias: float) -> None:
+    times = LOOK * np.arange(20)
+    assert not carried(list(1.0 + climb * times + (upward + bias) * times**2 / 2.0), [upward] * 20)
+
+
+def test_what_is_held_in_the_air_by_a_small_command_is_not() -> None:
+    assert not carried([1.0] * 100, [-1.0] * 100)
+
+
+@given(way=st.floats(0.0, 0.5), rises=st.booleans())
+def test_a_drone_that_moves_sideways_before_it_leaves_the_ground_slides(way: float, rises: bool) -> None:
+    detector = LiftOffDetector(1, 3.0)
+    detector.begin(0, np.array([1.0, 2.0, 0.1]))
+    for share in np.linspace(0.0, 1.0, 10):
+        place = np.array([[1.0, 2.0 - way * share, 0.1 + 0.3 * share * rises]])
+        detector.held(share, place, np.ones(1), ON)
+    assert detector.slid[0] == (way > 0.15 and not rises)
+    assert detector.moved(0, place[0]) == pytest.approx(math.hypot(way, 0.3 * rises))
