@@ -34,8 +34,8 @@ os.environ["ROS_DOMAIN_ID"] = str(_domain)
 BATCH = 400
 # of each input that hypothesis makes, so many more are made by chance
 _VARIANTS = 7
-# what one input may cost, s of CPU, and all inputs of a kind, bytes of memory
-_SECONDS, _BYTES = 5.0, 1 << 30
+# what one input may cost, s of CPU, and all inputs of a kind, bytes of addresses: each half-made node has ten stacks
+_SECONDS, _BYTES = 5.0, 4 << 30
 
 
 @dataclass(frozen=True)
