@@ -1,0 +1,178 @@
+"""From the sums of a cell to bounds of its signals, by small gains."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.certificate.answers import answers
+from flatsat_ros.certificate.flight_cell import Cell
+from flatsat_ros.certificate.flight_loop import exponential
+
+# Pieces of a period over which the effect of inputs that vary within it is interpolated.
+_PIECES = 2
+
+# By how much, relatively, every bound is enlarged for the rounding of its sums; that is some 1e-12.
+_ROUNDING = 1e-8
+
+# By how much, relatively, the bounds of the loop's own signals are above what they imply.
+_SLACK = 1e-4
+
+# Rounds in which the bounds of the loop's own signals must settle.
+_ITERATIONS = 1000
+
+# Signals beyond this, m/s^2, have no bound.
+_ABSURD = 1e4
+
+
+class Bounds:
+    """The sums of a cell, and what follows from them.
+
+    With x the size of the plant's state, columns of inputs are: rate (pieces + 1), noise, drive (pieces + 1), pulse,
+    change of the gain, share, model's drive (pieces + 1), plant (x), model (y). Rows of signals: e, e', v0, D/g - d^
+    (with derivatives); then the difference of commands and, of each stretch, x' at its beginning and nodes of F.
+    """
+
+    def __init__(self, cell: Cell, gain_min: float, gain_max: float, growth: float = 1.0) -> None:
+        """Sum up.
+
+        Args:
+            cell: the plants.
+            gain_min: smallest applied gain.
+            gain_max: largest applied gain.
+            growth: factor by which all signals are multiplied more in every period than in the one before.
+        """
+        self.cell = cell
+        gain, self._deviation = (gain_min + gain_max) / 2.0, (gain_max - gain_min) / 2.0
+        loop = cell.loop
+        size, h, x = loop.size, loop.design.period, loop.plant.size
+        command = loop.compensation + gain * loop.feedback
+
+        def closed(rows: FloatArray) -> FloatArray:
+            """Rows on z from rows on (z, c_0)."""
+            return np.asarray(rows[..., :size] + rows[..., size:] * command)
+
+        times = np.linspace(0.0, h, _PIECES + 1)
+        weights = np.full(_PIECES + 1, h / _PIECES)
+        weights[[0, -1]] /= 2.0
+        port = 1.0 / loop.plant.system[1][-1]  # of one unit at the last row
+        columns = [
+            *(w * loop.rate_input(t) for w, t in zip(weights, times, strict=True)),
+            loop.noise_input,
+            *(w * port * loop.drive_input(t) for w, t in zip(weights, times, strict=True)),
+            cell.pulse,
+            loop.command_input,
+            h * loop.share_input,
+            *(w * loop.model_drive_input(t) for w, t in zip(weights, times, strict=True)),
+            *cell.unit_inputs.T,
+            *loop.model_unit_inputs.T,
+        ]
+        ends = np.cumsum([0, _PIECES + 1, 1, _PIECES + 1, 1, 1, 1, _PIECES + 1, x, loop.design.model.size])
+        names = ("rate", "noise", "drive", "pulse", "change", "share", "model_drive", "plant", "model")
+        self._part = {name: slice(a, b) for name, a, b in zip(names, ends[:-1], ends[1:], strict=True)}
+        self._inputs = np.array(columns).T
+
+        tracked = np.zeros((4, size))
+        tracked[0, 0] = tracked[1, 1] = tracked[3, loop.plant.size + loop.design.model.size] = 1.0
+        tracked[2] = loop.feedback
+        blocks = [cell.difference[np.newaxis]]
+        for stretch in cell.stretches:
+            blocks += [stretch.slope, *stretch.nodes]
+        others = np.concatenate(blocks)
+        steps = np.array(cell.derivatives)
+        kicks = np.zeros((len(steps), *self._inputs.shape))
+        kicks[:, :, self._part["change"].start] = steps[:, :, size]
+        starts = np.zeros((size, 2))  # of e and of e', which the estimator knows
+        for i in range(2):
+            starts[[i, loop.plant.size + i], i] = 1.0
+        self.answers = answers(
+            growth * loop.matrix(gain),
+            growth * self._inputs,
+            starts,
+            tracked,
+            closed(others),
+            growth * closed(steps),
+            growth * kicks,
+            cell.vertices,
+        )
+        self.answers.sums[4:, self._part["change"]] += np.abs(others[:, size:])
+
+    def amplitudes(self, drive: float, **others: float) -> FloatArray:
+        """Return bounds (columns,) of all inputs, with what interpolation adds to those that act within a period."""
+        cell, part, values = self.cell, self._part, np.zeros(self._inputs.shape[1])
+        loop = cell.loop
+        h = loop.design.period
+        for name, value in ({"drive": drive} | others).items():
+            values[part[name]] = value
+        curve = h * (h / _PIECES) ** 2 / 12.0
+        size, (A, _, E) = np.abs(loop.plant.system[0]), loop.plant.system
+        bend = size @ size @ cell.growth[:, -1] * drive + size @ cell.growth @ np.abs(E) * others.get("rate", 0.0)
+        values[part["plant"]] += curve * bend
+        if "model_drive" in others:
+            A, B, _ = loop.design.model.system
+            bend = np.abs(A) @ np.abs(A) @ exponential(np.abs(A) * h) @ np.abs(B)
+            values[part["model"]] += curve * bend * others["model_drive"]
+        return values
+
+    def _between(self, values: FloatArray, leak: FloatArray) -> tuple[FloatArray, float]:
+        """Return bounds of F (m,) and e'' at all times, from those (rows,) at ticks and of what acts in between."""
+        cell = self.cell
+        x, m = len(cell.growth), len(cell.on_state)
+        reach, begin, bound, bend = np.abs(cell.on_state) @ cell.growth, 5, np.zeros(m), 0.0
+        for stretch in cell.stretches:
+            slope = values[begin : begin + x]
+            nodes = values[begin + x : begin + x + len(stretch.nodes) * m].reshape(-1, m)
+            bound = np.maximum(bound, nodes.max(axis=0) + stretch.radius * reach @ slope)
+            bend = max(bend, float(cell.growth[1] @ slope))
+            begin += x + len(stretch.nodes) * m
+        return bound + np.abs(cell.on_state) @ leak, bend + float(np.abs(cell.loop.plant.system[0])[1] @ leak)
+
+    def settled(
+        self, signals: FloatArray, at_vertices: FloatArray, error: float, rate: float, lag_varies: bool
+    ) -> tuple[FloatArray, float] | None:
+        """Return bounds of the tracked signals (4,) and of e'', or None if the small gain argument does not hold.
+
+        Args:
+            signals: (rows,) bounds of the signals of the middle at its middle gain.
+            at_vertices: (V, 4) bounds of the tracked ones to first order, at the vertices.
+            error: bound of the drive at the last row.
+            rate: of D', m/s^3.
+            lag_varies: whether lag, frequency and damping change in flight.
+        """
+        cell, loop = self.cell, self.cell.loop
+        sums, at, h = self.answers.sums, self.answers.vertex_sums, loop.design.period
+        A, _, E = loop.plant.system
+        late, moved = cell.vertices[:, -1].max(), np.abs(cell.vertices[:, :-1]).max(axis=0)
+        late_shape = late**2 / 2.0 * cell.port_gain * (np.abs(A) @ cell.growth[:, -1])
+        changes = self._part["change"].start
+
+        def bounds(drive: float, difference: float, change: float) -> tuple[FloatArray, FloatArray, float]:
+            """Bounds (4,) of the signals, (3,) of the inputs that follow from them, and of e''."""
+            wrong = self.amplitudes(drive, pulse=late * cell.port_gain * difference)
+            wrong[self._part["plant"]] += late_shape * difference
+            rest = sums @ wrong
+            whole = signals + sums[:, changes] * change + rest
+            leak = cell.growth[:, -1] * (h * (drive + error) + late * cell.port_gain * difference)
+            leak += cell.growth @ np.abs(E) * h * h * rate
+            seen, bend = self._between(whole, leak)
+            left, _ = self._between(rest, leak)
+            second = self.amplitudes(
+                float(moved @ left), pulse=late * (cell.port_gain * rest[4] + cell.port_gain_error * difference)
+            )
+            second[self._part["plant"]] += late_shape * difference
+            tracked = whole[:4]
+            if not lag_varies:
+                first = (at_vertices + at[:, :, changes] * change).max(axis=0)
+                tracked = np.minimum(tracked, first + sums[:4] @ second)
+            return tracked, np.array([moved @ seen, whole[4], self._deviation * tracked[2]]), bend + h * rate
+
+        point = np.zeros(3)
+        for _ in range(_ITERATIONS):
+            _, following, _ = bounds(*point)
+            if following.max() > _ABSURD:
+                break
+            point = following * (1.0 + _SLACK)
+            tracked, implied, bend = bounds(*point)
+            if (implied <= point).all():  # the bounds imply themselves: by the small gain argument they hold
+                return tracked * (1.0 + _ROUNDING), bend
+        return None

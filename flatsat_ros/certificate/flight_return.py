@@ -1,0 +1,110 @@
+"""The way back into the tube: how fast a drone returns from any start, and from which starts its gain is certified.
+
+By linearity the distance to the reference is that of a drone that started on it, which is in the tube, and what the
+start alone does. Multiplied by e^(rate t), the latter obeys the same loop with A replaced by e^(rate h) A, and is
+bounded by the largest instead of the sum of its values.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight_loop import Design
+from flatsat_ros.certificate.flight_tube import Tube, cell_bounds, cells
+
+
+@dataclass(frozen=True)
+class Return:
+    """What a start (e, e') adds to the tube t seconds later, at most, with Euclidean norms over the axes.
+
+    The start is one at a tick of which the estimate is settled, with attitude and commands as the reference needs them.
+
+    Attributes:
+        rate: 1/s, of the decay.
+        position: |e| is above its tube by at most position |e(0)| e^(-rate t), at all times.
+        position_velocity: s; and by position_velocity |e'(0)| e^(-rate t).
+        nominal: 1/s^2, the same of |v0|, at the ticks.
+        nominal_velocity: 1/s.
+    """
+
+    rate: float
+    position: float
+    position_velocity: float
+    nominal: float
+    nominal_velocity: float
+
+    def __or__(self, other: Return) -> Return:
+        """Return the larger of each."""
+        return Return(*(max(getattr(self, f.name), getattr(other, f.name)) for f in fields(Return)))
+
+    def certified(self, tube: Tube, room: float, velocity: float = 0.0) -> float:
+        """Return the largest distance |e(0)|, m, from which |v0| never exceeds a bound; negative for none.
+
+        Args:
+            tube: of the same plants and gains.
+            room: the bound, m/s^2: margin of the reference less what the compensation takes.
+            velocity: |e'(0)|, m/s.
+        """
+        return (room - tube.nominal - self.nominal_velocity * velocity) / self.nominal
+
+
+def cell_return(
+    design: Design, box: Box, gain_min: float, gain_max: float, rate: float, lag_varies: bool = False
+) -> Return:
+    """Return how all plants of a box return, as one cell; infinite bounds if so fast a return cannot be shown.
+
+    Args:
+        design: the controller.
+        box: the plants, none of whose delays are separated by a whole period.
+        gain_min: smallest applied gain k, which may be another at every tick.
+        gain_max: largest applied gain.
+        rate: 1/s.
+        lag_varies: whether lag, frequency and damping change in flight, within the box.
+
+    Raises:
+        FlatsatError: as `cell_tube`.
+    """
+    h, growth = design.period, math.exp(rate * design.period)
+    bounds = cell_bounds(design, box, gain_min, gain_max, growth)
+    found = Return(rate, math.inf, math.inf, math.inf, math.inf)
+    if not bounds.answers.finite:
+        return found
+    pairs = []
+    for i in range(2):
+        start = bounds.answers.peaks[:, i], bounds.answers.vertex_peaks[:, :, i]
+        settled = bounds.settled(*start, 0.0, 0.0, lag_varies)
+        if settled is None:
+            return found
+        # from tick to tick: the tick before has decayed by one period less
+        pairs.append((growth * (float(settled[0][0]) + h * h / 8.0 * settled[1]), float(settled[0][2])))
+    (position, nominal), (position_velocity, nominal_velocity) = pairs
+    return Return(rate, position, position_velocity, nominal, nominal_velocity)
+
+
+def box_return(
+    design: Design,
+    box: Box,
+    cuts: Sequence[str],
+    gain_min: float,
+    gain_max: float,
+    rate: float,
+    lag_varies: bool = False,
+) -> Return:
+    """Return how all plants of a box return that is cut into cells; the arguments are those of `box_tube`.
+
+    Args:
+        design: the controller.
+        box: the plants.
+        cuts: of the box into cells.
+        gain_min: smallest applied gain k.
+        gain_max: largest applied gain.
+        rate: 1/s.
+        lag_varies: whether lag, frequency and damping change in flight.
+    """
+    found = Return(rate, 0.0, 0.0, 0.0, 0.0)
+    for part in cells(box, cuts, design.period, lag_varies):
+        found |= cell_return(design, part, gain_min, gain_max, rate, lag_varies)
+    return found

@@ -1,0 +1,72 @@
+"""The way back into the tube: starts of random plants and gains decay as is claimed, and one as slowly as that."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight_loop import Design, FlightLoop, Plant
+from flatsat_ros.certificate.flight_return import Return, box_return, cell_return
+from flatsat_ros.certificate.flight_tube import Assumptions, box_tube
+
+PERIOD, RATE = 0.02, 0.6
+DESIGN = Design.predicting(PERIOD, Plant(0.03, 0.14), (0.357, 3.93, 14.2), 20.0, 12.0)
+BOX = Box(Plant(0.028, 0.136, gain=0.98), Plant(0.032, 0.144, gain=1.02))
+CUTS = ("delay", "lag", "", "", "lag", "", "")
+
+
+def decayed(plant: Plant, gains: np.ndarray, entry: int) -> np.ndarray:
+    """Return the largest e^(rate t) |e| and |v0| at ticks after a start of 1 in e or e'."""
+    loop = FlightLoop(DESIGN, plant)
+    z, largest = np.zeros(loop.size), np.zeros(2)
+    z[[entry, plant.size + entry]] = 1.0
+    for j, gain in enumerate(gains.tolist()):
+        largest = np.maximum(largest, math.exp(RATE * j * PERIOD) * np.abs([z[0], loop.feedback @ z]))
+        z = loop.matrix(gain) @ z
+    return largest
+
+
+@pytest.fixture(scope="module")
+def returned() -> Return:
+    return box_return(DESIGN, BOX, CUTS, 1.0, 1.5, RATE)
+
+
+def test_starts_decay_as_is_claimed(returned: Return) -> None:
+    random = np.random.default_rng(5)
+    claims = np.array([[returned.position, returned.nominal], [returned.position_velocity, returned.nominal_velocity]])
+    for number in range(20):
+        ends = random.integers(2, size=3) if number % 2 else random.uniform(size=3)
+        plant = Plant(0.028 + 0.004 * ends[0], 0.136 + 0.008 * ends[1], gain=0.98 + 0.04 * ends[2])
+        gains = random.choice([1.0, 1.5], 200) if number % 3 else np.full(200, 1.0)
+        for entry in (0, 1):
+            assert (decayed(plant, gains, entry) <= claims[entry]).all()
+
+
+def test_for_one_plant_and_one_gain_it_is_what_happens() -> None:
+    plant = Plant(0.031, 0.142, gain=0.99)
+    found = cell_return(DESIGN, Box(plant, plant), 1.2, 1.2, RATE)
+    for entry, claims in enumerate(
+        ((found.position, found.nominal), (found.position_velocity, found.nominal_velocity))
+    ):
+        position, nominal = decayed(plant, np.full(600, 1.2), entry)
+        assert nominal <= claims[1] <= nominal * 1.001
+        assert position <= claims[0] <= position * math.exp(RATE * PERIOD) * 1.01
+
+
+def test_faster_returns_are_less_certain_and_none_is_faster_than_the_loop(returned: Return) -> None:
+    slower = box_return(DESIGN, BOX, CUTS, 1.0, 1.5, 0.2)
+    assert slower.nominal < returned.nominal
+    assert slower.position < returned.position
+    assert box_return(DESIGN, BOX, CUTS, 1.0, 1.5, 60.0) == Return(60.0, *[math.inf] * 4)
+
+
+def test_the_certified_start_uses_up_the_room(returned: Return) -> None:
+    tube = box_tube(DESIGN, BOX, CUTS, 1.0, 1.5, Assumptions(0.35, 5e-4, 0.0, 0.58, 0.66))
+    for velocity in (0.0, 0.02):
+        start = returned.certified(tube, 1.2, velocity)
+        assert start > 0.0
+        used = tube.nominal + returned.nominal * start + returned.nominal_velocity * velocity
+        assert used == pytest.approx(1.2, rel=1e-12)
