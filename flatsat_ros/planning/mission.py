@@ -11,6 +11,7 @@ from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import FlatsatError, refusal, require, require_fields, require_not_negative
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.plans import Bounds, Tube
+from flatsat_ros.plans.plan import require_downwash
 
 _APART = 1e-3  # m: way-points that follow each other are at least so far apart, or a leg has no length
 _DURATION = 3600.0  # s, at most
@@ -70,6 +71,7 @@ class Mission:
 
     def __post_init__(self) -> None:
         require_fields(self, require_not_negative, clearance="m")
+        require_fields(self, require_downwash, downwash="")
         self.bounds.within(self.limits)
         require(bool(self.drones), "number of drones", 0, "", "at least 1")
         counts = {drone.name: len(drone.waypoints) for drone in self.drones}

@@ -57,8 +57,13 @@ _LIMITS = ("thrust_max", "tilt_max", "gravity", "thrust_min")
 _BOUNDS = ("margin", "jerk_max", "snap_max", "speed_max", "lower", "upper")
 
 
-def _require_downwash(name: str, value: object, unit: str) -> float:
-    return require_number(name, value, unit, 0.1, 10.0)
+def require_downwash(name: str, value: object, unit: str) -> float:
+    """Return a downwash as a float, refusing what is not a number from 1 to 10.
+
+    Raises:
+        FlatsatError: it is not.
+    """
+    return require_number(name, value, unit, 1.0, 10.0)
 
 
 class Pair(NamedTuple):
@@ -107,7 +112,7 @@ class Plan:
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        require_fields(self, _require_downwash, downwash="")
+        require_fields(self, require_downwash, downwash="")
         require_fields(self, require_not_negative, clearance="m")
         names = [drone.name for drone in self.drones]
         require(1 <= len(names) <= DRONES_MAX, "number of drones", len(names), "", f"from 1 to {DRONES_MAX}")
@@ -130,7 +135,7 @@ class Plan:
         found = closest([drone.curve for drone in drones], downwash)
         pairs = [
             Pair(
-                names[i], names[j], int(distance / UNIT / (_DISTANCE_STEP * NANOMETRE)),
+                names[i], names[j], distance * 10**9 // (_DISTANCE_STEP * UNIT),
                 math.floor(start * 1e6), math.ceil(end * 1e6),
             )
             for i, j, distance, start, end in zip(

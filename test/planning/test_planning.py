@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -51,7 +50,7 @@ def test_a_straight_way_takes_what_jerk_alone_allows() -> None:
     bounds = replace(BOUNDS, margin=0.01, snap_max=1e4)
     found = shortest(shapes, way, LIMITS, bounds)
     assert found is not None
-    least = math.cbrt(32 * 0.3 / bounds.jerk_max)
+    least = (32 * 0.3 / bounds.jerk_max) ** (1 / 3)
     assert least < found[1] < 1.15 * least
 
 
@@ -201,6 +200,11 @@ def test_what_cannot_be_planned_is_refused_by_name(asked: list[Any], text: str) 
 def test_a_margin_beyond_the_input_set_is_refused() -> None:
     with pytest.raises(FlatsatError, match=r"margin = 2.0 m/s\^2: must be below 1.70"):
         mission(WAY.tolist(), bounds=replace(BOUNDS, margin=2.0))
+
+
+def test_a_downwash_that_lets_drones_nearer_above_each_other_is_refused() -> None:
+    with pytest.raises(FlatsatError, match=r"downwash = 0.5: must be a number from 1 to 10"):
+        mission(WAY.tolist(), downwash=0.5)
 
 
 def written(folder: Path, name: str, text: str) -> Path:
