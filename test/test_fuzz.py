@@ -12,6 +12,7 @@ from fuzzing import MODULES, is_available, kind_of
 from fuzzing.sequence import encoded
 from hypothesis import HealthCheck, given, settings
 
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 
@@ -62,3 +63,40 @@ def test_what_broke_once_stays_mended(what: str, tmp_path: Path) -> None:
     require(name)
     with kind_of(name).open(tmp_path) as attempt:
         attempt(data)
+
+
+def test_of_what_breaks_a_small_input_is_kept_and_breaks_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "0")  # workers take one of their own
+    from fuzzing import campaign
+
+    def attempt(data: bytes) -> bool:
+        if len(data) >= 24:
+            raise ZeroDivisionError("division by zero")
+        return True
+
+    monkeypatch.setattr(campaign, "_opened", lambda _: attempt)
+    outcome = campaign.run_batch(campaign.Batch("waypoints", 1, 400, tmp_path))
+    assert outcome.finding.endswith("ZeroDivisionError: division by zero")
+    assert outcome.counts["broken"] > 0
+    assert outcome.kept is not None
+    assert 24 <= len(outcome.kept.read_bytes()) < 40, "of those that hypothesis makes the smallest, changed by chance"
+    assert list(tmp_path.iterdir()) == [outcome.kept]
+    assert campaign.replay(outcome.kept).endswith("ZeroDivisionError: division by zero")
+    outcome.kept.write_bytes(b"sound")
+    assert campaign.replay(outcome.kept) == ""
+
+
+def test_a_batch_in_which_nothing_breaks_says_so_and_is_the_same_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "0")
+    from fuzzing import campaign
+
+    tried: list[bytes] = []
+    monkeypatch.setattr(campaign, "_opened", lambda _: lambda data: bool(tried.append(data)))
+    outcomes = [campaign.run_batch(campaign.Batch("recording", 7, 80, tmp_path)) for _ in range(2)]
+    assert [(outcome.finding, outcome.counts) for outcome in outcomes] == [("", {"refused": 80})] * 2
+    assert tried[:80] == tried[80:]
+    assert len(set(tried)) > 60
+    with pytest.raises(FlatsatError, match="name of the file = 'other-1': must be KIND"):
+        campaign.replay(tmp_path / "other-1")

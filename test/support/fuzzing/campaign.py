@@ -57,7 +57,7 @@ class Outcome:
         counts: how many were taken, refused, broken.
         seconds: how long it took, s.
         finding: what broke; empty if nothing did.
-        kept: the file with the smallest input that breaks it.
+        kept: the file with an input that breaks it, made of the smallest one that hypothesis found.
     """
 
     kind: str
