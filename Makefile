@@ -21,7 +21,7 @@ EXTREMES := $(foreach version,3.10 3.13,$(if $(call python_found,$(version)),.ve
 
 unexport PYTHONPATH AMENT_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help setup build demo test test-noble test-kernels bench reproduce falsify faults soak fuzz lint docs certificates clean test-browser
+.PHONY: help setup build demo test test-noble test-kernels bench reproduce falsify faults soak fuzz lint docs identification certificates clean test-browser
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 16
@@ -87,6 +87,9 @@ soak: build  ## ten simulated drones for an hour, into out/soak/; ARGS="--minute
 
 fuzz: build  ## a million bad inputs for whatever reads what others wrote, into out/fuzz/; ARGS="--kind recording" and so on
 	$(SOURCED) $(BIN)/python test/fuzz.py $(ARGS)
+
+identification: setup  ## predictions and intervals on real flights, DATA=FOLDER of CSV logs of one drone, and on simulated ones
+	OMP_NUM_THREADS=1 $(BIN)/python bench/identification.py $(DATA) $(ARGS)
 
 certificates: build  ## the paper's certificates in config/, computed again
 	$(SOURCED) $(EXECUTABLES)/synthesize --paper all --output-dir config --force

@@ -101,7 +101,7 @@ def identify(
     """
     _require_different(samples)
     flights = [Flight.of(each) for each in samples]
-    free, begin = excited(flights), _figures_of(base)
+    free, begin = excited(flights), figures_of(base)
     common = fit(flights, begin, free, advance=lambda: advance("fitting all flights"))
     told = [name for name in free if name not in NAMES or _is_sharp(name, common, base.pwm_max)]
     if len(told) < len(free):  # what the flights do not tell must not bend the rest
@@ -165,7 +165,7 @@ def profile_of(identified: Identified, base: VehicleProfile, name: str) -> Vehic
         raise FlatsatError(f"the drone of these flights makes no profile: {error}") from error
 
 
-def _figures_of(base: VehicleProfile) -> Figures:
+def figures_of(base: VehicleProfile) -> Figures:
     """Return the figures of a profile, its attitude as of second order."""
     dynamics = base.dynamics
     return Figures(
@@ -183,13 +183,13 @@ def _figures_of(base: VehicleProfile) -> Figures:
 
 def _figure(name: str, common: Fit, alone: Sequence[Fit], pwm_max: float) -> Figure:
     """Return one figure with its interval."""
-    value = _value(name, common, pwm_max)
+    value = estimate(name, common, pwm_max)
     estimates = _estimates(name, common, alone, pwm_max)
-    if not _tells(name, common, pwm_max):
+    if not telling(name, common, pwm_max):
         return Figure(value, None, 0, estimates)
     relative = name in _SHARES
     width = max(_RESOLVED[name], _DEVIATIONS * _deviation(name, common, pwm_max) / (value if relative else 1.0))
-    found = np.array([estimate for estimate in estimates if not math.isnan(estimate)])
+    found = np.array([each for each in estimates if not math.isnan(each)])
     if len(found) > 1:
         spread = float(np.std(np.log(found) if relative else found, ddof=1))
         width = max(width, float(student.ppf(0.975, len(found) - 1)) * spread * math.sqrt(1.0 + 1.0 / len(found)))
@@ -205,11 +205,11 @@ def _estimates(name: str, common: Fit, alone: Sequence[Fit], pwm_max: float) -> 
     if name == "thrust_available":
         ratio = (pwm_max / PWM_FULL) ** common.figures.thrust_slope
         return tuple(each.thrust_full * ratio for each in common.misfits)
-    return tuple(_value(name, each, pwm_max) if _tells(name, each, pwm_max) else math.nan for each in alone)
+    return tuple(estimate(name, each, pwm_max) if telling(name, each, pwm_max) else math.nan for each in alone)
 
 
-def _value(name: str, found: Fit, pwm_max: float) -> float:
-    """Return a figure of a fit."""
+def estimate(name: str, found: Fit, pwm_max: float) -> float:
+    """Return a figure of a fit, by its name in `Intervals`."""
     if name == "thrust_available":
         full = float(np.mean([each.thrust_full for each in found.misfits]))
         return float(full * (pwm_max / PWM_FULL) ** found.figures.thrust_slope)
@@ -226,15 +226,15 @@ def _deviation(name: str, found: Fit, pwm_max: float) -> float:
         held = [each.position[:, 2] / (REACH * STEP) ** 2 for each in found.misfits]
         count = sum(max(len(each) * EVERY * STEP / BLOCK, 1.0) for each in held)
         flown = float(np.std(np.concatenate(held))) / math.sqrt(count)
-        value = _value(name, found, pwm_max)
+        value = estimate(name, found, pwm_max)
         away = math.log(max(value / GRAVITY, 1e-3)) / found.figures.thrust_slope
         return math.hypot(flown, found.deviation({"thrust_slope": value * away}))
     return found.deviation({name: 1.0})
 
 
-def _tells(name: str, found: Fit, pwm_max: float) -> bool:
+def telling(name: str, found: Fit, pwm_max: float) -> bool:
     """Tell whether a fit tells a figure: it was free, inside its bounds, and is known well enough."""
-    value = _value(name, found, pwm_max)
+    value = estimate(name, found, pwm_max)
     free = name == "thrust_available" or ("delay" if name == "lag_and_delay" else name) in found.free
     if free and name in BOUNDS:
         least, most, step = BOUNDS[name]
@@ -244,7 +244,7 @@ def _tells(name: str, found: Fit, pwm_max: float) -> bool:
 
 def _is_sharp(name: str, found: Fit, pwm_max: float) -> bool:
     """Tell whether the residuals of a fit leave little doubt about a figure."""
-    limit = _SHARES[name] * _value(name, found, pwm_max) if name in _SHARES else _WIDTHS[name]
+    limit = _SHARES[name] * estimate(name, found, pwm_max) if name in _SHARES else _WIDTHS[name]
     return _deviation(name, found, pwm_max) <= limit
 
 

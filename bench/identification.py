@@ -1,0 +1,261 @@
+"""Tables about identification: prediction and intervals on real flights, truth inside the intervals on simulated ones.
+
+Run as `make identification DATA=FOLDER`: every CSV log in the folder that can be used is used. The figures of the drone
+are fitted on the flights of --fit (by default the first three) and judged on all others; with three or fewer, each
+flight is judged by a fit on the others.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import savgol_coeffs
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "support"))
+
+from flown import fly
+
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.constants import GRAVITY
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile, load_vehicle
+from flatsat_ros.identification.fit import excited, fit
+from flatsat_ros.identification.identified import NAMES, Identified, estimate, figures_of, identify, telling
+from flatsat_ros.identification.log import read_log
+from flatsat_ros.identification.residuals import Flight
+from flatsat_ros.identification.response import Figures
+from flatsat_ros.identification.screening import STEP, Samples, screen
+
+AHEAD = 50  # samples, 0.5 s
+PAST = 21  # samples from which the state at the start is taken, 0.2 s, by a quadratic
+CALIBRATION = 6.0  # s of flight from which each model gets thrust and frame
+
+
+def usable(folder: Path) -> Iterator[Samples]:
+    """Yield the flights of a folder that can be used, each once; say why others cannot."""
+    seen = set()
+    for path in sorted(folder.glob("*.csv")):
+        try:
+            samples = screen(read_log(path))
+        except FlatsatError as error:
+            print(f"  left out: {error}", flush=True)
+            continue
+        key = samples.position[samples.usable][:500].tobytes()
+        if key in seen:
+            print(f"  left out: {samples.name} is there twice", flush=True)
+            continue
+        seen.add(key)
+        yield samples
+
+
+def state(samples: Samples) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return position, velocity and acceleration (M, 3) from the PAST samples, no later ones."""
+    found = []
+    for order in range(3):
+        weights = savgol_coeffs(PAST, 2, deriv=order, delta=STEP, pos=PAST - 1, use="dot")
+        columns = [np.correlate(axis, weights, mode="valid") for axis in samples.position.T]
+        found.append(np.pad(np.stack(columns, axis=-1), ((PAST - 1, 0), (0, 0))))
+    return found[0], found[1], found[2]
+
+
+def starts(samples: Samples) -> np.ndarray:
+    """Return the samples from which the next AHEAD and the PAST ones can be used, after the calibration."""
+    whole = np.convolve(samples.usable, np.ones(PAST + AHEAD), mode="valid") > PAST + AHEAD - 0.5
+    begin = np.flatnonzero(samples.usable)[0] + round(CALIBRATION / STEP)
+    at = np.flatnonzero(whole)[::5] + PAST - 1
+    return at[at > begin]
+
+
+def calibrated(samples: Samples) -> Flight | None:
+    """Return the first CALIBRATION seconds of a flight, None if too little of them can be used."""
+    end = np.flatnonzero(samples.usable)[0] + round(CALIBRATION / STEP)
+    good = samples.poses_good.copy()
+    good[end:] = False
+    flight = Flight.of(dataclasses.replace(samples, poses_good=good))
+    return flight if len(flight.position_at) >= 20 else None
+
+
+def predicted(samples: Samples, figures: Figures, at: np.ndarray) -> FloatArray | None:
+    """Return positions (len(at), 3) AHEAD of samples, from the state there and the commands before and after.
+
+    Thrust, frame and trim are those of the first CALIBRATION seconds.
+    """
+    first = calibrated(samples)
+    if first is None:
+        return None
+    known = fit([first], figures, (), starts=1).misfits[0]
+    place, velocity, _ = state(samples)
+    wn, zeta, whole = figures.natural_frequency, figures.damping, int(figures.delay / STEP)
+    share = figures.delay / STEP - whole
+    index = np.arange(len(place) + AHEAD)
+    sent = samples.command
+    earlier, later = (sent[np.clip(index - whole - back, 0, len(sent) - 1)] for back in (1, 0))
+    command = later * (1.0 - share) + earlier * share
+    goal = known.thrust_full * (np.clip(command[:, 2], 0.0, None) / PWM_FULL) ** figures.thrust_slope
+    yaw = np.nan_to_num(samples.angles[:, 2])
+    lag = math.exp(-STEP / figures.thrust_lag)
+
+    def turn(
+        tilt: FloatArray, rate: FloatArray, k: np.ndarray, v: FloatArray, cos: FloatArray, sin: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        lean = np.stack([sin * v[..., 0] - cos * v[..., 1], cos * v[..., 0] + sin * v[..., 1]], axis=-1)
+        wanted = figures.attitude_gain * command[k, :2] + figures.velocity_tilt * lean
+        for _ in range(4):  # semi-implicit Euler at 400 Hz
+            rate = rate + (wn * wn * (wanted - tilt) - 2.0 * zeta * wn * rate) * STEP / 4.0
+            tilt = tilt + rate * STEP / 4.0
+        return tilt, rate
+
+    tilts, rates, thrusts = np.zeros((len(place), 2)), np.zeros((len(place), 2)), np.zeros(len(place))
+    thrusts[0] = goal[0]
+    for k in range(len(place) - 1):
+        tilts[k + 1], rates[k + 1] = turn(tilts[k], rates[k], np.array(k), velocity[k], np.cos(yaw[k]), np.sin(yaw[k]))
+        thrusts[k + 1] = goal[k] + (thrusts[k] - goal[k]) * lag
+    p, v, tilt, rate, thrust = place[at], velocity[at], tilts[at], rates[at], thrusts[at]
+    cos, sin = np.cos(yaw[at]), np.sin(yaw[at])
+    drag = np.array([figures.drag_xy, figures.drag_xy, figures.drag_z])
+    for ahead in range(AHEAD):
+        (sr, sp), (cr, cp) = np.sin(tilt).T, np.cos(tilt).T
+        along, across = cr * sp * thrust + known.trim[0], -sr * thrust + known.trim[1]
+        force = np.stack([cos * along - sin * across, sin * along + cos * across, cr * cp * thrust - GRAVITY], axis=-1)
+        a = force - drag * v
+        p, v = p + v * STEP + 0.5 * a * STEP * STEP, v + a * STEP
+        tilt, rate = turn(tilt, rate, at + ahead, v, cos, sin)
+        thrust = goal[at + ahead] + (thrust - goal[at + ahead]) * lag
+    return p
+
+
+def prediction(flights: Sequence[tuple[Samples, Figures]], base: VehicleProfile) -> None:
+    """Print how far predictions are off after 0.5 s."""
+    errors: dict[str, list[FloatArray]] = {}
+    judged = 0
+    for samples, figures in flights:
+        at = starts(samples)
+        shipped = dataclasses.replace(figures_of(base), delay=0.03)
+        ours, theirs = predicted(samples, figures, at), predicted(samples, shipped, at)
+        if ours is None or theirs is None or len(at) == 0:
+            print(f"  {samples.name}: too short after the calibration")
+            continue
+        judged += 1
+        place, velocity, acceleration = state(samples)
+        truth, time = samples.position[at + AHEAD], AHEAD * STEP
+        steady = place[at] + velocity[at] * time
+        for name, guess in (
+            ("constant velocity", steady),
+            ("constant acceleration", steady + 0.5 * acceleration[at] * time**2),
+            (f"{base.name}, thrust and frame calibrated", theirs),
+            ("identified, thrust and frame calibrated", ours),
+        ):
+            errors.setdefault(name, []).append(np.linalg.norm(guess - truth, axis=1))
+    print(f"\nposition 0.5 s ahead, RMS, {judged} flights")
+    rms = {name: float(np.sqrt(np.mean(np.concatenate(found) ** 2))) for name, found in errors.items()}
+    best = rms.get("identified, thrust and frame calibrated", math.nan)
+    for name, value in rms.items():
+        print(f"  {name:40s} {100.0 * value:6.2f} cm   identified over it: {best / value:.2f}")
+
+
+def coverage(known: Identified, others: Sequence[Samples], base: VehicleProfile) -> None:
+    """Print how many of the other flights' own estimates lie in the intervals."""
+    inside: dict[str, list[bool]] = {name: [] for name in NAMES}
+    values: dict[str, list[float]] = {name: [] for name in NAMES}
+    for samples in others:
+        flight = Flight.of(samples)
+        try:
+            alone = fit([flight], known.common.figures, excited([flight]), starts=1)
+        except FlatsatError as error:
+            print(f"  left out: {error}")
+            continue
+        for name in NAMES:
+            interval = known.figures[name].interval
+            if interval is not None and telling(name, alone, base.pwm_max):
+                value = estimate(name, alone, base.pwm_max)
+                values[name].append(value)
+                inside[name].append(interval[0] <= value <= interval[1])
+    print("\nother flights' own estimates inside the stated interval")
+    for name in NAMES:
+        figure = known.figures[name]
+        if figure.interval is None or not inside[name]:
+            continue
+        quantiles = np.percentile(values[name], (5, 50, 95))
+        print(
+            f"  {name:20s} [{figure.interval[0]:8.4g}, {figure.interval[1]:8.4g}]  {np.mean(inside[name]):5.0%} of "
+            f"{len(inside[name]):3d}   5 / 50 / 95 %: {quantiles[0]:.4g} / {quantiles[1]:.4g} / {quantiles[2]:.4g}"
+        )
+
+
+def simulated(runs: int) -> None:
+    """Print how often the truth is inside the interval, for simulated drones of all packaged profiles."""
+    names = ("cf21", "cf21_plus", "cf2x_2025", "thrust_kit", "brushless")
+    inside: dict[str, list[bool]] = {name: [] for name in NAMES}
+    for run in range(runs):
+        draw = np.random.default_rng((run, 14))
+        base = load_vehicle(names[run % len(names)])
+        gain, weight, slope = draw.uniform(0.7, 1.0), draw.uniform(0.8, 1.2), draw.uniform(0.75, 1.0)
+        delay = round(draw.uniform(0.0, 0.06) / 0.002) * 0.002
+        dynamics = dataclasses.replace(base.dynamics, attitude_gain=gain, thrust_gain=1.0)
+        drone = dataclasses.replace(base, dynamics=dynamics, thrust_slope=slope)
+        logs = fly(drone, range(3 * run, 3 * run + 3), seconds=20.0, delay=delay, noise=1e-3, weight=weight)
+        wandering = [  # of the clock of the commands, 10 ms from flight to flight
+            dataclasses.replace(log, command_time=log.command_time + draw.uniform(-0.005, 0.005)) for log in logs
+        ]
+        found = identify([screen(log) for log in wandering], base)
+        truth = {
+            "attitude_gain": gain,
+            "lag_and_delay": base.dynamics.attitude.mean_delay + delay,
+            "thrust_slope": slope,
+            "drag_xy": base.dynamics.drag_xy,
+            "drag_z": base.dynamics.drag_z,
+            "velocity_tilt": 0.0,
+            "thrust_available": weight * drone.thrust_max,
+        }
+        if base.dynamics.attitude.actuator_lag == 0.0:  # else the attitude is of third order
+            attitude = base.dynamics.attitude
+            truth |= {"natural_frequency": attitude.natural_frequency, "damping": attitude.damping}
+        if base.dynamics.thrust_lag_up == base.dynamics.thrust_lag_down:
+            truth["thrust_lag"] = base.dynamics.thrust_lag_up
+        for name, value in truth.items():
+            interval = found.figures[name].interval
+            if interval is not None:
+                inside[name].append(interval[0] <= value <= interval[1])
+    print(f"\ntruth inside the interval, {runs} simulated drones with 3 flights each")
+    for name, hits in inside.items():
+        if hits:
+            print(f"  {name:20s} {np.mean(hits):5.0%} of {len(hits)}")
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", nargs="?", type=Path, help="folder with CSV logs of one drone")
+    parser.add_argument("--fit", nargs="+", metavar="NAME", help="flights to fit on, without .csv")
+    parser.add_argument("--base", default="cf21")
+    parser.add_argument("--runs", type=int, default=200, help="simulated drones")
+    arguments = parser.parse_args()
+    base = load_vehicle(arguments.base)
+    if arguments.data is not None:
+        flights = list(usable(arguments.data))
+        chosen = arguments.fit or [samples.name for samples in flights[:3]]
+        fitted = [samples for samples in flights if samples.name in chosen]
+        others = [samples for samples in flights if samples.name not in chosen]
+        known = identify(fitted, base)
+        print(f"\nfitted on {', '.join(samples.name for samples in fitted)}; {len(others)} others")
+        if others:
+            prediction([(samples, known.common.figures) for samples in others], base)
+            coverage(known, others, base)
+        else:
+            pairs = []
+            for samples in fitted:
+                rest = [each for each in fitted if each is not samples]
+                pairs.append((samples, identify(rest, base).common.figures))
+            prediction(pairs, base)
+    if arguments.runs:
+        simulated(arguments.runs)
+
+
+if __name__ == "__main__":
+    main()
