@@ -56,6 +56,7 @@ setup(
             "faults = flatsat_ros.cli.faults:main",
             "soak = flatsat_ros.cli.soak:main",
             "report = flatsat_ros.cli.report:main",
+            "validate = flatsat_ros.cli.validate:main",
         ],
     },
 )

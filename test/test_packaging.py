@@ -36,6 +36,7 @@ EXECUTABLES = [
     "sim_drone",
     "soak",
     "synthesize",
+    "validate",
 ]
 
 

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING
 from flatsat_ros.cli import shell
 
 if TYPE_CHECKING:
+    from flatsat_ros.crazyflie.vehicle import VehicleProfile
     from flatsat_ros.identification.columns import ColumnMap
+    from flatsat_ros.identification.identified import Identified
     from flatsat_ros.identification.log import FlightLog
 
 _BASE = "cf21"
@@ -31,8 +33,16 @@ def _parser() -> shell.Parser:
         "logs: CSV of a known form or described by --columns, or bags with poses and cmd_vel_legacy of one drone. "
         "example: identify flight1.csv flight2.csv --output my_drone.yaml",
     )
-    parser.add_argument("logs", nargs="+", type=shell.path, metavar="LOG", help="a CSV file, or a bag")
+    add_log_arguments(parser)
     parser.add_argument("--output", type=shell.path, metavar="FILE", help="vehicle profile to write, a .yaml file")
+    parser.add_argument("--pictures", type=shell.path, metavar="FILE", help="page to draw: .png, .pdf or .svg")
+    parser.add_argument("--force", action="store_true", help="overwrite the output")
+    return parser
+
+
+def add_log_arguments(parser: shell.Parser) -> None:
+    """Add the arguments that say what the logs are."""
+    parser.add_argument("logs", nargs="+", type=shell.path, metavar="LOG", help="a CSV file, or a bag")
     parser.add_argument(
         "--base", metavar="NAME_OR_PATH", default=_BASE, help="profile of its kind, for what logs do not tell (cf21)"
     )
@@ -45,30 +55,58 @@ def _parser() -> shell.Parser:
         choices=("cpp", "cflib"),
         help="crazyswarm2's, which gives the sign of pitch in bags (default: cpp)",
     )
-    parser.add_argument("--pictures", type=shell.path, metavar="FILE", help="page to draw: .png, .pdf or .svg")
-    parser.add_argument("--force", action="store_true", help="overwrite the output")
-    return parser
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from tqdm import tqdm
-
     from flatsat_ros.base.files import check_writable
     from flatsat_ros.base.strict_yaml import write_yaml
     from flatsat_ros.crazyflie.vehicle import load_vehicle, profile_document
-    from flatsat_ros.identification.columns import load_columns
-    from flatsat_ros.identification.identified import identify, profile_of
-    from flatsat_ros.identification.report import draw, lines, screening_lines
-    from flatsat_ros.identification.screening import screen
+    from flatsat_ros.identification.identified import profile_of
+    from flatsat_ros.identification.report import draw, lines
 
     _check_output(arguments)
     if arguments.pictures is not None:
         check_writable(arguments.pictures)
     base = load_vehicle(arguments.base)
+    found, _, names = identified_from(arguments, base)
+    print("\n".join(lines(found, base)))
+    if arguments.pictures is not None:
+        draw(found, arguments.pictures)
+        print(f"  drawn to {arguments.pictures}")
+    if arguments.output is not None:
+        profile = profile_of(found, base, arguments.output.stem)
+        flights = f"{len(names)} flights: {', '.join(names)}"
+        header = f"# Identified on {base.name} from {flights}.\n# The intervals are for other flights of this drone.\n"
+        write_yaml(arguments.output, profile_document(profile), header)
+        print(f"  written to {arguments.output}")
+    else:
+        print("  not written: give --output FILE")
+    return 0
+
+
+def identified_from(
+    arguments: argparse.Namespace, base: VehicleProfile
+) -> tuple[Identified, list[FlightLog], list[str]]:
+    """Read the logs that the arguments name, say what is used of them, and identify the drone, with progress.
+
+    Returns:
+        What they tell, the logs, and their names.
+
+    Raises:
+        FlatsatError: a log is refused.
+    """
+    from tqdm import tqdm
+
+    from flatsat_ros.identification.columns import load_columns
+    from flatsat_ros.identification.identified import identify
+    from flatsat_ros.identification.report import screening_lines
+    from flatsat_ros.identification.screening import screen
+
     columns = None if arguments.columns is None else load_columns(arguments.columns)
-    samples = []
+    logs, samples = [], []
     for path in arguments.logs:
-        samples.append(screen(_read(path, columns, arguments)))
+        logs.append(_read(path, columns, arguments))
+        samples.append(screen(logs[-1]))
         print("\n".join(screening_lines(samples[-1])), flush=True)
     with tqdm(total=4 + len(samples), unit=" fits", desc="identify", leave=False) as bar:
 
@@ -76,22 +114,7 @@ def _run(arguments: argparse.Namespace) -> int:
             bar.set_description(what)
             bar.update(1)
 
-        found = identify(samples, base, advance)
-    print("\n".join(lines(found, base)))
-    if arguments.pictures is not None:
-        draw(found, arguments.pictures)
-        print(f"  drawn to {arguments.pictures}")
-    if arguments.output is not None:
-        profile = profile_of(found, base, arguments.output.stem)
-        names = ", ".join(each.name for each in samples)
-        header = (
-            f"# Identified on {base.name} from {len(samples)} flights: {names}.\n# Intervals: other flights of it.\n"
-        )
-        write_yaml(arguments.output, profile_document(profile), header)
-        print(f"  written to {arguments.output}")
-    else:
-        print("  not written: give --output FILE")
-    return 0
+        return identify(samples, base, advance), logs, [each.name for each in samples]
 
 
 def _check_output(arguments: argparse.Namespace) -> None:

@@ -14,6 +14,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.cli import validate
 from flatsat_ros.cli.identify import bag_log, main
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.identification.log import FlightLog
@@ -128,3 +129,12 @@ def test_a_drone_too_weak_to_fly_is_said(log: FlightLog, tmp_path: Path, capsys:
     assert main([str(write(capped, tmp_path / "weak.csv")), "--output", str(tmp_path / "weak.yaml")]) == 2
     assert "the drone of these flights makes no profile: mass" in capsys.readouterr().err
     assert list(tmp_path.glob("*.yaml")) == []
+
+
+def test_flights_contradict_a_certificate_by_an_exit_code(flight: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert validate.main([str(flight), "--base", "cf2x_2025", "--certificate", "paper_experiment"]) == 1
+    printed = capsys.readouterr().out
+    assert "contradicts  lag plus delay" in printed
+    assert "paper_experiment: contradicted in thrust available, lag plus delay, thrust lag" in printed
+    assert validate.main([str(flight), "--certificate", "no_such"]) == 2
+    assert "no packaged configuration 'no_such'" in capsys.readouterr().err

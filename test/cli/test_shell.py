@@ -17,7 +17,7 @@ import pytest
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.interrupts import STOPPING, signals_held
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.cli import demo, falsify, faults, identify, plan, reproduce, shell, synthesize
+from flatsat_ros.cli import demo, falsify, faults, identify, plan, reproduce, shell, synthesize, validate
 
 PROGRAMS = {
     "demo": demo.main,
@@ -27,6 +27,7 @@ PROGRAMS = {
     "plan": plan.main,
     "reproduce": reproduce.main,
     "synthesize": synthesize.main,
+    "validate": validate.main,
 }
 CERTIFY = ["synthesize", "--thrust-max", "14"]
 HEADLESS = ["demo", "--headless", "--robots", "1", "--seconds", "4"]
