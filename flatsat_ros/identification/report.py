@@ -68,7 +68,7 @@ def lines(identified: Identified, base: VehicleProfile) -> Iterator[str]:
         words = ", ".join(_WORDS[name][0] for name in identified.unknown)
         yield f"  not told by these flights, as in {base.name}: {words}"
     if count == 1:
-        yield "  one flight does not show how others of the same drone differ: give several logs"
+        yield "  one flight does not show how others of this drone differ: the intervals have the usual spread"
 
 
 def draw(identified: Identified, target: Path) -> None:

@@ -71,7 +71,7 @@ def test_a_log_becomes_a_profile_and_a_page(flight: Path, tmp_path: Path, capsys
         "thrust at pwm_max",
         "marker frame of flight: roll",
         "mass apart from force (the base's mass stays)",
-        "one flight does not show how others of the same drone differ",
+        "one flight does not show how others of this drone differ",
         f"written to {output}",
     ):
         assert text in printed
