@@ -293,14 +293,18 @@ class AstrayDetector:
         self._past[:-1] = self._past[1:]
         self._past[-1] = velocity, commanded
         sin, cos = np.sin(yaw), np.cos(yaw)
-        turn = np.array([[cos, -sin], [sin, cos]])  # columns: the body's axes
-        wanted = np.einsum("ijn,ni->jn", turn, self._changed(self._past[: len(self._past) - self._late, 1]))
-        came = np.einsum("ijn,ni->jn", turn, self._changed(self._past[:, 0]))
-        across = wanted[0] * came[1] - wanted[1] * came[0]
-        sums = np.vstack([wanted * wanted, wanted * came, came * came, across])
-        self._sums += self._period * (sums - self._sums / _FORGOTTEN)
+        wanted = _turned(self._changed(self._past[: len(self._past) - self._late, 1]), sin, cos)
+        came = _turned(self._changed(self._past[:, 0]), sin, cos)
+        self._sums *= 1.0 - self._period / _FORGOTTEN
+        self._sums[0:2] += self._period * wanted * wanted
+        self._sums[2:4] += self._period * wanted * came
+        self._sums[4:6] += self._period * came * came
+        self._sums[6] += self._period * (wanted[0] * came[1] - wanted[1] * came[0])
         self._judged = np.where(judged, self._judged + self._period, 0.0)
         self._sums[:, self._judged < len(self._past) * self._period] = 0.0
+        if not np.count_nonzero(self._sums[0] + self._sums[1] > _JUDGED):
+            self._wrong[:] = 0.0
+            return np.zeros(self._wrong.size, dtype=bool)
         size, along, total, across = self._sums[0:2], self._sums[2:4], self._sums[4:6], self._sums[6]
         negated = _explained(size, along, total) & (along < 0.0)
         turned = _explained(size.sum(axis=0), np.hypot(along.sum(axis=0), across), total.sum(axis=0))
@@ -311,6 +315,12 @@ class AstrayDetector:
     def _changed(self, past: FloatArray) -> FloatArray:
         """Return how much more a quantity changed over the last window than over the one before, (N, 2)."""
         return np.asarray(past[-1] - 2.0 * past[-1 - self._window] + past[-1 - 2 * self._window])
+
+
+def _turned(vectors: FloatArray, sin: FloatArray, cos: FloatArray) -> FloatArray:
+    """Return horizontal vectors (N, 2) along the axes of bodies whose psi has this sine and cosine, (2, N)."""
+    x, y = vectors[:, 0], vectors[:, 1]
+    return np.array([cos * x + sin * y, cos * y - sin * x])
 
 
 def _explained(size: FloatArray, common: FloatArray, total: FloatArray) -> np.ndarray:

@@ -133,7 +133,7 @@ class Estimator:
             t: s, never decreasing.
             acceleration: (N, 3) m/s^2.
             airborne: (N,) who is steered in the air, where nothing keeps it from moving; nobody by default.
-            aloft: (N,) who may be in the air, steered or not; nobody by default.
+            aloft: (N,) who may be in the air, steered or not; as before by default, nobody at first.
         """
         if airborne is not None:
             self._airborne = airborne.tolist()

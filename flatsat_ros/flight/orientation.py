@@ -39,12 +39,14 @@ class Orientations:
         tilted = np.asarray(tilt > _TILTED)
         return tilted | np.isnan(tilt) if self._measured else tilted
 
-    def seen(self, now: float) -> np.ndarray:
-        """Tell whose orientation is seen, (N,)."""
-        return np.asarray(now - self._estimator.oriented <= _UNSEEN_TIME)
+    def unseen(self, now: float) -> np.ndarray:
+        """Tell whose orientation is not seen, (N,)."""
+        return np.asarray(now - self._estimator.oriented > _UNSEEN_TIME)
 
     def patience_ends(self, now: float, flying: np.ndarray) -> list[int]:
         """Return who shall land now because its orientation has not been seen for too long, each once per event.
+
+        To be asked while the orientation of anybody is not seen.
 
         Args:
             now: s.

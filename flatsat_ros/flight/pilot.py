@@ -290,17 +290,19 @@ class Pilot:
             if flying[index]:
                 self._guidance.land(index, now)
                 self._reports.append(Report(index, f"{text}: it brakes and lands"))
-
-        for index in self._orientations.patience_ends(now, flying):
-            self._guidance.land(index, now)
-            self._reports.append(Report(index, "its orientation is not seen and yaw_source is measured: it lands"))
         disturbance, spent = self._compensate(estimate, flying)
         base = reference.copy()
         base[:, 6:] -= disturbance
         output = self._steering.step(state, self.estimator.yaw, base, flying)
         level = (self.mode == _LEVEL) | (self.mode == _DESCEND)
-        seen = self._orientations.seen(now)
-        yaw_rate = self._yaw.turn(self.estimator.yaw, references.yaw, flying & seen, level | (flying & ~seen))
+        turned, kept = flying, level
+        unseen = self._orientations.unseen(now)
+        if np.count_nonzero(unseen):
+            turned, kept = flying & ~unseen, level | (flying & unseen)
+            for index in self._orientations.patience_ends(now, flying):
+                self._guidance.land(index, now)
+                self._reports.append(Report(index, "its orientation is not seen and yaw_source is measured: it lands"))
+        yaw_rate = self._yaw.turn(self.estimator.yaw, references.yaw, turned, kept)
         command, acceleration = self._command(now, output, flying, level)
 
         margin = references.margin - spent
@@ -308,12 +310,13 @@ class Pilot:
         assessment = self._monitor.assess(output.error, margin, fixed)
         self._monitor.follow(acceleration - np.where(flying[:, np.newaxis], base[:, 6:], 0.0))
         free = self._senses.note(acceleration, estimated, self.estimator.yaw, flying, self._guidance.landing)
-        correction = acceleration - base[:, 6:]
-        for index in self._senses.at_limit(now, correction, estimate, output.error, self._guidance.landing):
+        for index in self._senses.at_limit(now, base, estimate, output.error, self._guidance.landing):
             if flying[index]:
                 self._guidance.land(index, now, state[index, :3])
         self._full = command[:, 0] >= _FULL * self.certificate.limits.thrust_max
-        self.estimator.command(now, acceleration, free, level | (flying & ~self._senses.grounded))
+        changing = bool(transitions) or self._senses.looked
+        aloft = level | (flying & ~self._senses.grounded) if changing else None
+        self.estimator.command(now, acceleration, free, aloft)
         told = self._senses.reports() + self.estimator.complaints()
         reports, self._reports = self._reports + [Report(*entry) for entry in told], []
         return Tick(

@@ -146,21 +146,22 @@ class Senses:
         return self._free
 
     def at_limit(
-        self, now: float, correction: FloatArray, disturbance: FloatArray, error: FloatArray, landing: np.ndarray
+        self, now: float, base: FloatArray, disturbance: FloatArray, error: FloatArray, landing: np.ndarray
     ) -> list[int]:
         """Return who shall land because the limit of its tilt does not let it follow, and told so once per flight.
 
         Args:
             now: s.
-            correction: (N, 3) what the error asks for, m/s^2.
+            base: (N, 9) the law's reference: its acceleration is commanded without an error, m/s^2.
             disturbance: (N, 3) estimated, m/s^2.
             error: (N, 6) state minus reference, m and m/s.
             landing: (N,) who lands.
         """
-        if self._ticks % self._every:
+        if not self.looked:
             return []
+        correction = self._acceleration[:, :2] - base[:, 6:8]
         blown, swinging, opposed = self._limit.look(
-            now, self._acceleration, correction[:, :2], disturbance[:, :2], error[:, :2], self._free, landing
+            now, self._acceleration, correction, disturbance[:, :2], error[:, :2], self._free, landing
         )
         if not np.count_nonzero(blown | swinging | opposed | self._blown):
             return []
@@ -175,6 +176,11 @@ class Senses:
         """Return what is to be told, drone and text, once."""
         reports, self._reports = self._reports, []
         return reports
+
+    @property
+    def looked(self) -> bool:
+        """Whether the detectors looked at the last tick."""
+        return self._ticks % self._every == 0
 
     @property
     def grounded(self) -> np.ndarray:
