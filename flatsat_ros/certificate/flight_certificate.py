@@ -23,6 +23,7 @@ from flatsat_ros.base.files import located
 from flatsat_ros.base.strict_yaml import read_yaml, section, write_yaml
 from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_loop import Design, Plant
+from flatsat_ros.certificate.flight_return import Return, box_return
 from flatsat_ros.certificate.flight_tube import Assumptions, Tube, box_tube
 from flatsat_ros.law.input_set import InputSet
 
@@ -39,7 +40,8 @@ _HEADER = """\
 # assumptions: disturbance_rate m/s^3, noise m; acceleration m/s^2, jerk m/s^3 and snap m/s^4 of the reference
 # horizontal, vertical: plants between low and high (delay s, lag s, frequency rad/s, tilt and drag 1/s), whose lag
 #   changes in flight or not; model, observer (1, 1/s, 1/s^2), stiffness 1/s^2, rate 1/s, horizon s, lead s: the
-#   controller; cuts of the box into cells; tube: bounds of |e| m, |e'| m/s, |v0| m/s^2 and |D/g - d^| m/s^2
+#   controller; cuts of the box into cells; tube: bounds of |e| m, |e'| m/s, |v0| m/s^2 and |D/g - d^| m/s^2; back: a
+#   start adds to |e| at most (position |e(0)| + position_velocity |e'(0)|) e^(-rate t), and to |v0| likewise
 """
 
 _SCHEMA: dict[str, tuple[str, ...]] = {
@@ -49,7 +51,7 @@ _SCHEMA: dict[str, tuple[str, ...]] = {
 }
 _AXES = ("horizontal", "vertical")
 _CONTROLLER = ("observer", "stiffness", "rate", "horizon", "lead")
-_AXIS = ("low", "high", "lag_varies", "model", *_CONTROLLER, "cuts", "tube")
+_AXIS = ("low", "high", "lag_varies", "model", *_CONTROLLER, "cuts", "tube", "back")
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,7 @@ class Axis:
         design: the controller.
         cuts: of the box into cells, as `box_tube` reads them.
         tube: the claim.
+        back: the claim of how starts outside return into it.
     """
 
     box: Box
@@ -69,10 +72,17 @@ class Axis:
     design: Design
     cuts: tuple[str, ...]
     tube: Tube
+    back: Return
 
     def proved(self, gain_min: float, gain_max: float, assumptions: Assumptions) -> Tube:
         """Return the tube that is proved by computation, whatever is claimed."""
         return box_tube(self.design, self.box, self.cuts, gain_min, gain_max, assumptions, self.lag_varies)
+
+    def returned(self, gain_min: float, gain_max: float) -> Return:
+        """Return the way back that is proved by computation, at the rate that is claimed."""
+        return box_return(
+            self.design, self.box, self.cuts, gain_min, gain_max, self.back.rate, lag_varies=self.lag_varies
+        )
 
     @classmethod
     def from_document(cls, name: str, document: object, period: float) -> Axis:
@@ -87,16 +97,19 @@ class Axis:
             raise refusal(f"{name}.cuts", values["cuts"], "", f"names of figures and {_CELL!r}, separated by spaces")
         if not isinstance(values["observer"], list):
             raise refusal(f"{name}.observer", values["observer"], "", "a list of three gains")
-        tube = section(f"{name}.tube", values["tube"], tuple(f.name for f in fields(Tube)))
-        for key, value in tube.items():
-            require_positive(f"{name}.tube.{key}", value, "")
+        claims = {}
+        for key, kind in (("tube", Tube), ("back", Return)):
+            claims[key] = section(f"{name}.{key}", values[key], tuple(f.name for f in fields(kind)))
+            for claim, value in claims[key].items():
+                require_positive(f"{name}.{key}.{claim}", value, "")
         figures = {key: values[key] for key in _CONTROLLER} | {"observer": tuple(values["observer"])}
         return cls(
             box=Box(plants["low"], plants["high"]),
             lag_varies=values["lag_varies"],
             design=Design(period=period, model=plants["model"], **figures),
             cuts=tuple("" if cut == _CELL else cut for cut in values["cuts"].split()),
-            tube=Tube(**tube),
+            tube=Tube(**claims["tube"]),
+            back=Return(**claims["back"]),
         )
 
     def to_document(self) -> dict[str, Any]:
@@ -110,6 +123,7 @@ class Axis:
             **figures,
             "cuts": " ".join(cut or _CELL for cut in self.cuts),
             "tube": asdict(self.tube),
+            "back": asdict(self.back),
         }
 
 
@@ -153,6 +167,22 @@ class FlightCertificate:
             periods[0] == periods[1], "period of the vertical axis", periods[1], "s", f"{periods[0]:g}, of the others"
         )
 
+    def certified_start(self) -> tuple[float, float]:
+        """Return the largest distances |e(0)|, m, horizontal and vertical, each alone, from which a drone returns.
+
+        It begins at rest against the reference. Negative: no start is certified.
+        """
+        room = self.margin - self.disturbance - math.hypot(*(a.tube.disturbance for a in self._axes))
+        distances = []
+        for axis, other in (self._axes, self._axes[::-1]):
+            own = math.sqrt(max(room**2 - other.tube.nominal**2, 0.0)) if room > 0.0 else 0.0
+            distances.append(axis.back.certified(axis.tube, own))
+        return distances[0], distances[1]
+
+    @property
+    def _axes(self) -> tuple[Axis, Axis]:
+        return self.horizontal, self.vertical
+
     @property
     def period(self) -> float:
         """The period h, s."""
@@ -171,10 +201,13 @@ class FlightCertificate:
         margins["|v0| + |d^| <= margin, so that every applied gain is at least 1"] = 1.0 - taken / self.margin
         for name in _AXES:
             axis: Axis = getattr(self, name)
-            proved = axis.proved(self.gain_min, self.gain_max, self.assumptions)
-            for claim in fields(Tube):
-                ratio = getattr(proved, claim.name) / getattr(axis.tube, claim.name)
-                margins[f"{name} tube, {claim.name}"] = 1.0 - ratio
+            tube = axis.proved(self.gain_min, self.gain_max, self.assumptions)
+            back = axis.returned(self.gain_min, self.gain_max)
+            for kind, proved, claimed in (("tube", tube, axis.tube), ("way back", back, axis.back)):
+                for claim in fields(proved):
+                    if claim.name != "rate":
+                        ratio = getattr(proved, claim.name) / getattr(claimed, claim.name)
+                        margins[f"{name} {kind}, {claim.name}"] = 1.0 - ratio
         return margins
 
     def verify(self) -> dict[str, float]:
