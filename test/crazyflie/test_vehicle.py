@@ -15,7 +15,7 @@ from flatsat_ros.crazyflie.intervals import Intervals
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 
 VEHICLES = Path(__file__).parents[2] / "config" / "vehicles"
-NAMES = ("cf21", "cf21_plus", "cf2x_2025", "thrust_kit", "brushless")
+NAMES = ("cf21", "cf21_markers", "cf21_plus", "cf2x_2025", "thrust_kit", "brushless")
 
 
 def profile(name: str = "cf21") -> VehicleProfile:
@@ -30,7 +30,14 @@ def test_every_packaged_profile_loads_under_its_own_name(path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "ratio"),
-    [("cf21", 1.55), ("cf21_plus", 1.55), ("cf2x_2025", 1.45), ("thrust_kit", 2.07), ("brushless", 1.90)],
+    [
+        ("cf21", 1.55),
+        ("cf21_plus", 1.55),
+        ("cf2x_2025", 1.45),
+        ("thrust_kit", 2.07),
+        ("brushless", 1.90),
+        ("cf21_markers", 1.009),
+    ],
 )
 def test_thrust_to_weight_ratio_at_pwm_60000(name: str, ratio: float) -> None:
     assert profile(name).thrust_max / GRAVITY == pytest.approx(ratio, abs=0.006)
@@ -68,7 +75,26 @@ def test_a_thrust_map_with_a_slope_is_inverted_and_changes_thrust_by_that_share(
     assert raised - 1.0 == pytest.approx(slope * 0.0001, rel=1e-3)
 
 
-@pytest.mark.parametrize("name", NAMES)
+def test_the_identified_profile_says_how_well_it_is_known() -> None:
+    drone = profile("cf21_markers")
+    known = drone.intervals
+    assert known is not None
+    figures = {
+        "attitude_gain": drone.dynamics.attitude_gain,
+        "natural_frequency": drone.dynamics.attitude.natural_frequency,
+        "damping": drone.dynamics.attitude.damping,
+        "velocity_tilt": drone.dynamics.velocity_tilt,
+        "drag_xy": drone.dynamics.drag_xy,
+        "thrust_slope": drone.thrust_slope,
+        "thrust_available": drone.thrust_max,
+    }
+    for name, value in figures.items():
+        least, most = getattr(known, name)
+        assert least < value < most, name
+    assert drone.dynamics.velocity_tilt < drone.dynamics.drag_xy / GRAVITY  # drag taken for tilt, not more
+
+
+@pytest.mark.parametrize("name", sorted(set(NAMES) - {"cf21_markers"}))
 def test_the_general_thrust_map_tends_to_the_linear_one(name: str) -> None:
     linear, nearly = profile(name), replace(profile(name), thrust_slope=1.0 + 1e-12)
     assert linear.thrust_slope == 1.0
