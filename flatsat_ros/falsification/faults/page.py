@@ -22,7 +22,7 @@ every fault in every phase of flight; edit the package, not this page.
 
 The flights are on simulated time: the pilot that the controller runs, with certificate `cf21_50hz`, vehicle profile
 `cf21` and the simulated drones with their firmware. What a row must keep was written down before it was flown. One row
-again, moment by moment, and one with [real processes](#real-processes):
+again, moment by moment, and one with real processes:
 
 ```sh
 ros2 run flatsat_ros faults --replay poses_lost_1s:hover
