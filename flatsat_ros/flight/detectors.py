@@ -218,7 +218,7 @@ class TiltLimitDetector:
             now: s.
             acceleration: (N, 3) commanded, m/s^2.
             correction: (N, 2) horizontal part of it that the error asks for, m/s^2.
-            disturbance: (N, 2) estimated, m/s^2.
+            disturbance: (N, 2) estimated, less the drag of its own speed, m/s^2.
             error: (N, 2) horizontal position minus reference, m.
             steered: (N,) who is in the air and steered.
             landing: (N,) who lands.

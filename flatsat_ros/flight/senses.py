@@ -160,8 +160,10 @@ class Senses:
         if not self.looked:
             return []
         correction = self._acceleration[:, :2] - base[:, 6:8]
+        # without what its own motion through still air makes of it
+        push = disturbance[:, :2] + self._policy.drag * (error[:, 3:5] + base[:, 3:5])
         blown, swinging, opposed = self._limit.look(
-            now, self._acceleration, correction, disturbance[:, :2], error[:, :2], self._free, landing
+            now, self._acceleration, correction, push, error[:, :2], self._free, landing
         )
         if not np.count_nonzero(blown | swinging | opposed | self._blown):
             return []
