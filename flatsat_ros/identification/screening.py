@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.crazyflie.vehicle import PWM_FULL
 from flatsat_ros.identification.log import FlightLog
 
@@ -24,6 +24,7 @@ BoolArray = NDArray[np.bool_]
 
 STEP = 0.01  # s, of the grid that logs are resampled to
 SHORTEST = 5.0  # s of usable flight
+LONGEST = 3600.0  # s of a log
 _STRAIGHT = 5  # samples of a command on one line that is not level: more are damage
 _LEVEL = 1e-3  # relative change of the slope up to which samples are on one line
 _FROZEN = 0.1  # s for which a pose may stay the same to the last digit in flight
@@ -105,7 +106,10 @@ def screen(log: FlightLog) -> Samples:
         raise FlatsatError(
             f"{log.name}: the commanded thrust never changes: the commands of this flight were not logged"
         )
-    grid = np.arange(max(time[0], sent[0]), min(time[-1], sent[-1]), STEP)
+    begin, end = max(time[0], sent[0]), min(time[-1], sent[-1])
+    if not end - begin <= LONGEST:
+        raise refusal(f"{log.name}: duration", end - begin, "s", f"at most {LONGEST:g} s")
+    grid = np.arange(begin, end, STEP)
     if len(grid) < SHORTEST / STEP:
         raise FlatsatError(f"{log.name}: poses and commands have less than {SHORTEST} s in common")
     if not np.isfinite(angles).all(axis=1).any():

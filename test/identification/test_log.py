@@ -1,15 +1,19 @@
 """Flight logs come out of CSV files as they went in."""
 
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 from flown import write
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.identification.columns import load_columns
 from flatsat_ros.identification.log import FlightLog, angles_of, read_log
+from flatsat_ros.identification.screening import screen
 from flatsat_ros.sim.dynamics import Bodies, Ideal
 
 
@@ -67,3 +71,43 @@ def test_angles_are_those_of_the_simulated_body_and_no_quaternion_has_none() -> 
     quaternion[:, 3] = 0.0
     quaternion[:, 4] = np.nan
     assert np.isnan(angles_of(quaternion)).all(axis=1).nonzero()[0].tolist() == [3, 4]
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    damage=st.lists(
+        st.tuples(
+            st.integers(0, 500),
+            st.integers(0, 9),
+            st.sampled_from(["", "nan", "inf", "-inf", "1e300", "-1e300", "1e9", "0", "-0.0", "1e-320", "x", "1,1"]),
+        ),
+        max_size=8,
+    ),
+    twice=st.booleans(),
+)
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_damaged_logs_are_screened_or_refused_and_what_is_usable_is_finite(
+    damage: list[tuple[int, int, str]], twice: bool, short: list[str]
+) -> None:
+    lines = list(short)
+    for row, column, text in damage:
+        fields = lines[1 + row].split(",")
+        fields[column % len(fields)] = text
+        lines[1 + row] = ",".join(fields)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "flight.csv"
+        path.write_text("\n".join(lines * (1 + twice)))
+        try:
+            samples = screen(read_log(path))
+        except FlatsatError:
+            return
+    assert samples.seconds >= 5.0
+    for values in (samples.position, samples.angles, samples.command):
+        assert np.isfinite(values[samples.usable]).all()
+
+
+@pytest.fixture(scope="module")
+def short(logs: list[FlightLog], tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """The lines of a log."""
+    path = write(logs[0], tmp_path_factory.mktemp("short") / "flight.csv")
+    return path.read_text(encoding="utf-8").splitlines()[:651]

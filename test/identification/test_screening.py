@@ -138,6 +138,10 @@ def test_interpolated_commands_are_said(logs: list[FlightLog]) -> None:
             {"position": lambda p: p[:-400].fill(np.nan)},
             "only 4.0 s of flight are usable .800 rows without a position.",
         ),
+        (
+            {name: lambda t: t[-1:].fill(1e9) for name in ("pose_time", "command_time")},
+            "duration = 1000000000.0 s: must be at most 3600 s",
+        ),
         ({"command_time": lambda t: t.__iadd__(1000.0)}, "have less than 5.0 s in common"),
     ],
 )
