@@ -134,7 +134,7 @@ def test_a_flight_without_a_fault_passes_and_comes_out_the_same_in_another_proce
     assert here.passed, here.broken
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
         assert executor.submit(fly_row, "nothing", Phase.TAKE_OFF).result() == here
-    assert fly_row("nothing", Phase.TAKE_OFF, seed=2).distance_m != here.distance_m
+    assert fly_row("nothing", Phase.TAKE_OFF, seed=2).separation_m != here.separation_m
 
 
 @pytest.mark.parametrize(("name", "phase"), [("poses_lost_15s", Phase.LANDING), ("hand_over", Phase.SWAP)])
@@ -206,7 +206,7 @@ def test_a_hover_keeps_its_bounds_and_breaks_each_that_is_too_narrow(hover: Scen
         (Bounds(End.DONE, told="never told"), "nothing was told of drone 0"),
         (Bounds(End.DONE, arrival=0.0), "from its goal"),
         (Bounds(End.DOWN), "ends in the air"),
-        (Bounds(End.GROUNDED), "rose to 1.0"),
+        (Bounds(End.GROUNDED), "rose to 1."),
     ]:
         assert any(text in problem for problem in problems(hover, narrow)), text
     assert problems(hover, Bounds(End.DONE), lands=True) != []
