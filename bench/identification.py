@@ -234,7 +234,7 @@ def main() -> None:
     parser.add_argument("data", nargs="?", type=Path, help="folder with CSV logs of one drone")
     parser.add_argument("--fit", nargs="+", metavar="NAME", help="flights to fit on, without .csv")
     parser.add_argument("--base", default="cf21")
-    parser.add_argument("--runs", type=int, default=200, help="simulated drones")
+    parser.add_argument("--runs", type=int, default=25, help="simulated drones (default: 25, a minute)")
     arguments = parser.parse_args()
     base = load_vehicle(arguments.base)
     if arguments.data is not None:
