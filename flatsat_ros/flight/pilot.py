@@ -347,13 +347,14 @@ class Pilot:
             if ground is not None:
                 self._guidance.ground[index] = ground
             if after is Mode.FLY:
-                if before is Mode.DESCEND:
-                    self._guidance.landing[index] = True
                 if before not in (Mode.LEVEL, Mode.DESCEND):
                     reset.append(index)
                 if self._policy.goal_mode is GoalMode.PATH:
                     text = self._guidance.start(index, estimated[index, :6], self._now)
                     self._reports += [Report(index, text)] if text else []
+                    if text and before is Mode.DESCEND:  # it may be near the ground already, or on it
+                        self._guidance.land(index, self._now)
+                        self._reports.append(Report(index, "it has sunk and has nothing to go on to: it lands"))
             elif after in (Mode.CUT, Mode.REST, Mode.FALLEN):
                 self._guidance.landing[index] = False
                 reset.append(index)

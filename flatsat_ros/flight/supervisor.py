@@ -5,12 +5,12 @@ first. `next_mode` reads it; `Supervisor` keeps the modes and flags of N drones 
 
 IDLE is silent, so that starting the controller never takes a drone away from whoever flies it. A command is computed
 from poses in FLY only. Without poses that can be trusted a drone is held level in LEVEL, for a moment, and then sinks
-without position in DESCEND, for as long as its last known height needs; with poses back it flies on, and lands if it
-had begun to sink. CUT stops the motors and stays until the user gives a new reference. FALLEN does so until a person
-arms the drone again: it did not climb though it was told to, or it fell; its motors would start at a bad moment. REST
-streams zero thrust after a landing for longer than the firmware's watchdogs wait: silence right after it would lock the
-drone until reboot. A drone that somebody else shall fly first is unlocked as it is armed: taken over in the air, still
-locked, it would fall.
+without position in DESCEND, for as long as its last known height needs; with poses back it flies on, or lands if what
+it followed has gone on without it. CUT stops the motors and stays until the user gives a new reference. FALLEN does so
+until a person arms the drone again: it did not climb though it was told to, or it fell; its motors would start at a bad
+moment. REST streams zero thrust after a landing for longer than the firmware's watchdogs wait: silence right after it
+would lock the drone until reboot. A drone that somebody else shall fly first is unlocked as it is armed: taken over in
+the air, still locked, it would fall.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ class Event(Enum):
     POSE_LOST = "no fresh pose: held level"
     POSE_LOST_GROUNDED = "no fresh pose before it has left the ground: it waits"
     POSE_BACK = "poses are back"
-    POSE_BACK_LATE = "poses are back after a descent without them: it goes on slowly"
+    POSE_BACK_LATE = "poses are back after a descent without them: it goes on"
     TOUCHED_DOWN = "touched down"
     HELD = "told to climb, but it did not leave the ground: unlocked once more"
     HELD_AGAIN = (

@@ -21,8 +21,9 @@ What happens when something goes wrong around the controller. Written by `ros2 r
 every fault in every phase of flight; edit the package, not this page.
 
 The flights are on simulated time: the pilot that the controller runs, with certificate `cf21_50hz`, vehicle profile
-`cf21` and the simulated drones with their firmware. What a row must keep was written down before it was flown. One row
-again, moment by moment, and one with real processes:
+`cf21` and the simulated drones with their firmware. What a row must keep was written down before it was flown, but for
+take-offs without or with wrong poses, and landings with a wrong sign: those bounds were widened afterwards, for reasons
+that stand beside them. One row again, moment by moment, and one with real processes:
 
 ```sh
 ros2 run flatsat_ros faults --replay poses_lost_1s:hover
