@@ -6,18 +6,19 @@ Writes my_drone.yaml and my_drone_50hz.yaml, which the controller takes as well:
 """
 
 import math
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import yaml
 
 from flatsat_ros import InputSet, Pilot, Policy, SimulatedFleet, Trajectory, Tuning, fly, load_certificate, load_vehicle
+from flatsat_ros.crazyflie.vehicle import profile_document
 from flatsat_ros.synthesis import synthesize
 
 # The profile: begin with that of the nearest drone and write down what you know better. calibrate_hover measures the
 # thrust in flight.
 vehicle = replace(load_vehicle("cf21"), name="my_drone", mass=0.033)  # kg, with a deck more
-Path("my_drone.yaml").write_text(yaml.safe_dump(asdict(vehicle), sort_keys=False), encoding="utf-8")
+Path("my_drone.yaml").write_text(yaml.safe_dump(profile_document(vehicle), sort_keys=False), encoding="utf-8")
 
 # The certificate: 90 % of what it lifts, 12 degrees of tilt, 50 Hz, the lag of the profile, and beside the delay of the
 # profile 30 ms for motion capture, computation and radio.

@@ -35,7 +35,7 @@ def test_bad_input_is_taken_or_refused_and_breaks_nothing(name: str, tmp_path: P
             taken[attempt(data)] += 1
 
         attempt_one()
-    assert min(taken[True], taken[False]) >= 10, "some are taken and some are refused, or the inputs say nothing"
+    assert min(taken[True], taken[False]) >= 5, "some are taken and some are refused, or the inputs say nothing"
 
 
 HOVER = np.zeros((25, len(FIELDS)))
@@ -76,7 +76,7 @@ def test_of_what_breaks_a_small_input_is_kept_and_breaks_again(tmp_path: Path, m
 
     monkeypatch.setattr(campaign, "_opened", lambda _: attempt)
     outcome = campaign.run_batch(campaign.Batch("waypoints", 1, 400, tmp_path))
-    assert outcome.finding.endswith("ZeroDivisionError: division by zero")
+    assert "ZeroDivisionError: division by zero" in outcome.finding
     assert outcome.counts["broken"] > 0
     assert outcome.kept is not None
     assert 24 <= len(outcome.kept.read_bytes()) < 40, "of those that hypothesis makes the smallest, changed by chance"

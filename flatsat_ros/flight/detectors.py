@@ -12,7 +12,7 @@ from flatsat_ros.base.arrays import FloatArray
 # within so little height, m, for this long, s: in free air it would be three times as far down.
 _WELL_BELOW_HOVER = 1.2
 _STEADY = 0.05
-_CARRIED_TIME = 0.5
+_CARRIED_TIME = 0.9  # a body that is pushed so and falls freely moves farther in that time, wherever it is on its way
 
 # a drone is off the ground when it is so far, m, from the height at which its lock was opened
 _LIFTED_OFF = 0.05

@@ -184,8 +184,10 @@ class Neighbours:
         least = np.minimum(self.required, np.sqrt((apart * apart).sum(axis=1)) - 2.0 * TOLERANCE)
         distance, time = closest(track, tracks, scales, least + TOLERANCE, self.now, until)
         conflicts = [
-            Conflict(found[i][0], float(distance[i]), float(time[i]), found[i][1].rests)
-            for i in map(int, np.flatnonzero(distance < least))
+            # who has come to the end of its track by then rests, too
+            Conflict(other, float(distance[i]), float(time[i]), there.rests or bool(time[i] >= there.track.times[-1]))
+            for i, (other, there) in enumerate(found)
+            if distance[i] < least[i]
         ]
         return sorted(conflicts, key=lambda conflict: conflict.time)
 

@@ -310,9 +310,10 @@ class Pilot:
         assessment = self._monitor.assess(output.error, margin, fixed)
         self._monitor.follow(acceleration - np.where(flying[:, np.newaxis], base[:, 6:], 0.0))
         free = self._senses.note(acceleration, estimated, self.estimator.yaw, flying, self._guidance.landing)
-        for index in self._senses.at_limit(now, base, estimate, output.error, self._guidance.landing):
-            if flying[index]:
-                self._guidance.land(index, now, state[index, :3])
+        if self._policy.goal_mode is GoalMode.PATH:  # steps take a drone to its limit by themselves
+            for index in self._senses.at_limit(now, base, estimate, output.error, self._guidance.landing):
+                if flying[index]:
+                    self._guidance.land(index, now, state[index, :3])
         self._full = command[:, 0] >= _FULL * self.certificate.limits.thrust_max
         changing = bool(transitions) or self._senses.looked
         aloft = level | (flying & ~self._senses.grounded) if changing else None

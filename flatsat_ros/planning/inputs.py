@@ -77,7 +77,7 @@ def read_mission(path: str | os.PathLike[str], certificate: Certificate, wishes:
     readers = {".csv": _from_csv, ".yaml": _from_yaml, ".json": _from_json}
     kind = Path(path).suffix.lower()
     if kind not in readers:
-        raise refusal("file", os.fspath(path), "", f"one whose name ends in {', '.join(readers)}")
+        raise located(path, f"must be one whose name ends in {', '.join(readers)}")
     try:
         content = readers[kind](path)
         lower, upper = content.box or _around(content.drones)

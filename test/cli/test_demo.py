@@ -190,7 +190,7 @@ def test_a_node_that_dies_in_flight_fails_the_demo_and_leaves_no_process(
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_stopped_demo_stops_its_nodes(number: signal.Signals, live: subprocess.Popen[str]) -> None:
-    wait_for(live, lambda: len(children(live.pid)) == 4)
+    wait_for(live, lambda: len(children(live.pid)) == 5)
     nodes = children(live.pid)
     live.send_signal(number)
     _, errors = live.communicate(timeout=60)
@@ -201,7 +201,7 @@ def test_a_stopped_demo_stops_its_nodes(number: signal.Signals, live: subprocess
 
 
 def test_no_node_outlives_a_demo_that_is_killed(live: subprocess.Popen[str]) -> None:
-    wait_for(live, lambda: len(children(live.pid)) == 4)
+    wait_for(live, lambda: len(children(live.pid)) == 5)
     nodes = children(live.pid)
     live.kill()
     assert end(nodes)
