@@ -67,8 +67,14 @@ def test_a_drone_whose_process_is_killed_is_given_up_and_flies_again_after_a_new
     lab.wait(lambda: len(poses["cf2"]) > fresh + 100, "poses of the drone that came back")
     assert mode() == Mode.CUT
     assert heights(poses["cf2"][fresh:]).max() == 0.0
-    # the killed process stays in the graph for a while, but sends nothing: it is no second source of poses
-    lab.go_to("cf2", THERE)
+
+    # the killed process stays in the graph for a while; that it sends nothing is known after some looks
+    def flies_after_a_goal() -> bool:
+        lab.go_to("cf2", THERE)
+        lab.listen(0.5)
+        return mode() == Mode.FLY
+
+    lab.wait(flies_after_a_goal, "a goal to be taken")
     lab.wait_for_flight("cf2", poses["cf2"], THERE)
 
     # soon after take-off the thrust is still being learnt
