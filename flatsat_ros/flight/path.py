@@ -206,7 +206,10 @@ def _change(motion: FloatArray, goal: FloatArray, limits: PathLimits, accelerati
     beyond -= np.maximum(np.maximum(walls.low - p0, p0 - walls.high), 0.0)
     excess += np.maximum(beyond, 0.0).max(axis=(1, 2))
 
-    best = _first(excess)
+    # where none keeps all limits, none shall make a detour instead
+    ends = np.where(np.isnan(goal), np.nan, np.stack([np.minimum(p0, goal), np.maximum(p0, goal)]))
+    detour = np.nan_to_num(np.maximum(ends[0] - places, places - ends[1])).max(axis=(1, 2))
+    best = _first(excess, excess + np.maximum(detour, 0.0))
     duration, pace = float(_DURATIONS[best]), float(speed[best])
     cruise_time = (float(distance[best]) - pace * duration) / pace if pace > 0.0 else 0.0
     return _Change(float(excess[best]), motion, duration, cruise[best], cruise_time)
@@ -224,7 +227,7 @@ def _settled(motion: FloatArray, limits: PathLimits, acceleration: float) -> tup
     for bound, present, degree in ((limits.jerk, j0, 3.0), (limits.snap, zero[0], 2.0)):
         derivative, factor = np.diff(derivative, axis=1), factor * degree / _DURATIONS
         excess += _excess(derivative * factor[:, np.newaxis, np.newaxis], bound, present)
-    duration = float(_DURATIONS[_first(excess)])
+    duration = float(_DURATIONS[_first(excess, excess)])
     piece = np.zeros((SIZE, place.size))
     c2 = (-3.0 * a0 - 2.0 * duration * j0) / duration**2
     c3 = (2.0 * a0 + duration * j0) / duration**3
@@ -232,10 +235,10 @@ def _settled(motion: FloatArray, limits: PathLimits, acceleration: float) -> tup
     return duration, piece
 
 
-def _first(excess: FloatArray) -> int:
-    """Return the first candidate without excess, or the one with the least."""
+def _first(excess: FloatArray, cost: FloatArray) -> int:
+    """Return the first candidate without excess, or the one with the least cost."""
     feasible = np.flatnonzero(excess <= _ROUNDING)
-    return int(feasible[0]) if feasible.size else int(excess.argmin())
+    return int(feasible[0]) if feasible.size else int(cost.argmin())
 
 
 def _excess(points: FloatArray, bound: float, present: FloatArray = _ZERO) -> FloatArray:

@@ -97,3 +97,14 @@ def test_the_limits_leave_half_of_the_inner_radius_in_every_direction(thrust: fl
             [bounds.horizontal * np.cos(angle), bounds.horizontal * np.sin(angle), np.full(32, upward)], axis=1
         )
         assert limits.margin(v).min() >= 0.5 * limits.inner_radius - 1e-9
+
+
+@given(height=st.floats(0.02, 1.0), sinking=st.floats(0.0, 0.5), pushed=st.floats(-0.8, 0.8), goal=st.floats(0.5, 1.5))
+def test_too_near_to_the_floor_to_brake_in_time_makes_no_detour(
+    height: float, sinking: float, pushed: float, goal: float
+) -> None:
+    motion = resting(np.array([0.0, 0.0, height]))
+    motion[1, 2], motion[2, 2] = -sinking, pushed
+    path = path_to(motion, np.array([0.0, 0.5, goal]), 0.0, BOUNDS, BOX)
+    heights = [path.sample(t)[2] for t in np.linspace(0.0, path.times[-1], 300)]
+    assert max(heights) <= max(goal, height) + 0.4

@@ -92,7 +92,7 @@ ACCEPTED: tuple[Accepted, ...] = (
     ),
     Accepted(
         "propeller",
-        ("hover", "take-off"),
+        ("hover",),
         "It tumbles, is thrown up to 1.6 m sideways, and falls.",
         "Look at propellers before every flight, and stand 2 m away or behind a net.",
     ),
