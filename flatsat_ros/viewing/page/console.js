@@ -62,8 +62,11 @@ class ConsolePage {
   key(event) {
     const isTyping = event.target.matches("input:not([type=checkbox]):not([type=range]), select");
     if (event.key === "Escape") this.send({ do: "emergency", who: "all" });
-    else if (event.key === " " && !isTyping) this.send({ do: "land", who: "all" });
-    else return;
+    else if (event.key === " " && !isTyping) {
+      this.send({ do: "land", who: "all" });
+      // a button that still has the focus must not be pressed as well: hold would end the landing
+      if (document.activeElement) document.activeElement.blur();
+    } else return;
     event.preventDefault();
   }
 
