@@ -231,8 +231,8 @@ class FlightLoop:
         return rows
 
     @cached_property
-    def feedback(self) -> FloatArray:
-        """Row (n,) of v0 = feedback . z, at the tick, after the correction."""
+    def prediction(self) -> FloatArray:
+        """Rows (2, n) of the predicted p and v + lead (a + d^) of the nominal plant, at the tick, once corrected."""
         model, n = self.design.model, self.size
         start = self.plant.size
         state = np.zeros((model.size, n + 1))
@@ -253,8 +253,18 @@ class FlightLoop:
             velocity = velocity + self.design.lead * (state[2] + E)
             if model.frequency > 0.0:  # of e' + model.lead a + a'/wn^2 the derivative is the command, without drag
                 velocity = velocity + self.design.lead / model.lead / model.frequency**2 * state[3]
-        row = -self.design.stiffness * state[0] - self.design.rate * velocity
-        return np.asarray(row[:n])
+        return np.stack([state[0, :n], velocity[:n]])
+
+    @cached_property
+    def feedback(self) -> FloatArray:
+        """Row (n,) of v0 = feedback . z, at the tick, after the correction."""
+        position, velocity = self.prediction
+        return np.asarray(-self.design.stiffness * position - self.design.rate * velocity)
+
+    @property
+    def estimate(self) -> FloatArray:
+        """Rows (y, n + 1) of the nominal plant's state before the correction, a period later, from (z, c_0)."""
+        return self._step[0][self.plant.size : self._error]
 
     @cached_property
     def compensation(self) -> FloatArray:

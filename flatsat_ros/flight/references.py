@@ -5,7 +5,37 @@ from __future__ import annotations
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.flight.trajectory import Trajectory, evaluate
+from flatsat_ros.flight.trajectory import SIZE, Trajectory, evaluate
+
+_NOBODY = np.zeros(0, dtype=int)
+
+
+class Cursor:
+    """The segment of each trajectory at some time.
+
+    Attributes:
+        coefficients: (N, 8, 3) of t^0 .. t^7, with the origin below.
+        origin: (N,) s.
+        until: (N,) time of the segment's end, s.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.coefficients = np.zeros((count, SIZE, 3))
+        self.origin = np.zeros(count)
+        self.until = np.full(count, np.inf)
+
+    def seek(self, t: float, trajectories: list[Trajectory | None]) -> np.ndarray:
+        """Go to a time, s; return the indices of those whose segment is another one now."""
+        # earlier than the segment: before the start, or the clock was set back
+        changing = (t >= self.until) | (t < self.origin)
+        if not np.count_nonzero(changing):
+            return _NOBODY
+        indices = np.flatnonzero(changing)
+        for index in indices:
+            trajectory = trajectories[index]
+            if trajectory is not None:
+                self.coefficients[index], self.origin[index], self.until[index] = trajectory.segment(t)
+        return indices
 
 
 class References:
@@ -23,33 +53,38 @@ class References:
         self.margin = np.full(count, np.inf)
         self._trajectories: list[Trajectory | None] = [None] * count
         self.at_rest = np.ones(count, dtype=bool)
-        # the segment of each trajectory that is flown now: coefficients, time origin, time of its end
-        self._coefficients = np.zeros((count, 8, 3))
-        self._origin = np.zeros(count)
-        self._until = np.full(count, np.inf)
+        self._present = Cursor(count)  # the segments that are flown now
+        self._cursors = [self._present]
         self._resting = np.zeros((count, 9))
 
     def assign(self, index: int, trajectory: Trajectory, margin: float) -> None:
         """Give drone index a new trajectory with its margin, m/s^2, in force from the next sample on."""
         self.margin[index] = margin
         self._trajectories[index] = trajectory
-        self._until[index], self.at_rest[index] = -np.inf, False
+        self.at_rest[index] = False
+        for cursor in self._cursors:
+            cursor.until[index] = -np.inf
         self.yaw[index] = trajectory.yaw
 
     def sample(self, t: float) -> FloatArray:
         """Return position, velocity and acceleration of all drones at t, (N, 9); zero without a reference."""
-        # earlier than the segment: before the start, or the clock was set back
-        changing = (t >= self._until) | (t < self._origin)
-        if np.count_nonzero(changing):
-            for index in np.flatnonzero(changing):
-                trajectory = self._trajectories[index]
-                if trajectory is not None:
-                    self._coefficients[index], self._origin[index], self._until[index] = trajectory.segment(t)
-                    self._resting[index, :3] = self._coefficients[index, 0]
-                    self.at_rest[index] = np.isinf(self._until[index])
+        for index in self._present.seek(t, self._trajectories):
+            self._resting[index, :3] = self._present.coefficients[index, 0]
+            self.at_rest[index] = np.isinf(self._present.until[index])
         if self.at_rest.all():
             return self._resting.copy()
-        return evaluate(self._coefficients, t - self._origin)
+        return evaluate(self._present.coefficients, t - self._present.origin)
+
+    def cursor(self) -> Cursor:
+        """Return a cursor of somebody who looks at other times; to be moved by `seek` alone."""
+        cursor = Cursor(len(self._trajectories))
+        cursor.until[[trajectory is not None for trajectory in self._trajectories]] = -np.inf
+        self._cursors.append(cursor)
+        return cursor
+
+    def seek(self, cursor: Cursor, t: float) -> None:
+        """Move a cursor to a time, s."""
+        cursor.seek(t, self._trajectories)
 
     def trajectory(self, index: int) -> Trajectory | None:
         """Return what drone index follows; None before its first reference."""

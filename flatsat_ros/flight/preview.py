@@ -1,0 +1,58 @@
+"""What the references need of the drones, ahead of time: a command acts later, and attitude and thrust follow slowly.
+
+The nominal plant of a flight certificate follows a reference whose drag it knows if it is commanded f = r + lead r' at
+the time at which the command acts, r = a_ref + (drag + tilt) v_ref (docs/mathematics.md, "The loop that flies"). A
+command acts for a period from its delay on, so f is that of the middle.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.certificate.flight_loop import Design
+from flatsat_ros.flight.references import References
+from flatsat_ros.flight.trajectory import SIZE
+
+_DERIVATIVE = np.diag(np.arange(1.0, SIZE), 1)  # row of powers -> row of their derivatives
+
+
+class Preview:
+    """Looks ahead along the references of N drones."""
+
+    def __init__(self, references: References, horizontal: Design, vertical: Design) -> None:
+        """Look at some references.
+
+        Args:
+            references: of N drones.
+            horizontal: for x and y.
+            vertical: for z.
+        """
+        self._references = references
+        self._parts = [
+            (axes, references.cursor(), design.model.delay + design.period / 2.0, _needed(design))
+            for axes, design in ((slice(0, 2), horizontal), (slice(2, 3), vertical))
+        ]
+
+    def needed(self, now: float) -> FloatArray:
+        """Return f (N, 3), m/s^2, of the commands at now, s."""
+        references = self._references
+        f = np.zeros((len(references.at_rest), 3))
+        if references.at_rest.all():
+            return f
+        for axes, cursor, ahead, needed in self._parts:
+            references.seek(cursor, now + ahead)
+            powers = np.power((now + ahead - cursor.origin)[:, np.newaxis], _EXPONENTS)
+            f[:, axes] = ((powers @ needed)[:, np.newaxis] @ cursor.coefficients[..., axes])[:, 0]
+        return f
+
+
+_EXPONENTS = np.arange(SIZE)
+
+
+def _needed(design: Design) -> FloatArray:
+    """Return (8, 8) from the powers of the time to the factors of a polynomial's coefficients in f."""
+    model = design.model
+    asked = _DERIVATIVE @ _DERIVATIVE + (model.drag + model.tilt) * _DERIVATIVE
+    # a row of powers (t^0 .. t^7) times _DERIVATIVE is the row of derivatives
+    return np.asarray(asked + model.lead * asked @ _DERIVATIVE)
