@@ -31,10 +31,11 @@ from flatsat_ros.nodes.ros.parameters import (
 )
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 from flatsat_ros.sim.dynamics import Wind
-from flatsat_ros.sim.firmware import Firmware, State
+from flatsat_ros.sim.firmware import Firmware
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.power import Battery
 from flatsat_ros.sim.sensor import MotionCapture
+from flatsat_ros.sim.state_machine import State
 
 # how often the simulation is brought up to date, s; poses leave at most this much later than they are due
 _TICK = 0.005

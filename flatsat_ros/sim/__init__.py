@@ -7,7 +7,7 @@ A `SimulatedFleet` takes set-points as the radio carries them, and high-level co
 Modelled are the rules by which the firmware gives and takes away thrust, motor commands in steps, the battery, the
 identified response of attitude and thrust, drag, wind with gusts, and the floor. Left out are ground effect, downwash
 and collisions between drones, the drone's own state estimate (it controls the true state), and of the high-level
-commander uploaded trajectories and spirals.
+commander compressed trajectories and spirals.
 """
 
 from flatsat_ros.sim.closed_loop import Observer, fly

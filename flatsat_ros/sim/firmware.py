@@ -10,10 +10,6 @@ bits 8 to 11 of supervisor.info.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from enum import IntEnum
-
 import numpy as np
 
 from flatsat_ros.base.arrays import BoolArray, FloatArray, IntArray
@@ -21,7 +17,9 @@ from flatsat_ros.base.errors import require
 from flatsat_ros.crazyflie.link import SupervisorInfo
 from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile
 from flatsat_ros.crazyflie.wire import YawMode
-from flatsat_ros.sim.high_level import HighLevelCommander, PositionController
+from flatsat_ros.sim.high_level import HighLevelCommander
+from flatsat_ros.sim.position_controller import Mode, PositionController, PositionSetpoint, Velocities, along_heading
+from flatsat_ros.sim.state_machine import CAN_FLY, MOTORS_ALLOWED, Conditions, State, next_state
 
 SUPERVISOR_PERIOD = 40  # ms; stabilizer_types.h RATE_SUPERVISOR, 25 Hz
 THRUST_MIN = 1000  # PWM; crtp_commander_rpyt.c MIN_THRUST
@@ -35,99 +33,6 @@ TILTED, TILTED_TIME = 0.5, 1000  # g, ms; platform_defaults.h SUPERVISOR_TUMBLE_
 UPSIDE_DOWN, UPSIDE_DOWN_TIME = -0.2, 100  # g, ms; platform_defaults.h SUPERVISOR_TUMBLE_CHECK_ACCEPTED_UPSIDEDOWN_*
 BATTERY_TIME = 5000  # ms; platform_defaults_cf2.h DEFAULT_BAT_LOW_DURATION_TO_TRIGGER_SEC
 NEVER = -(10**9)  # ms; an event that has not happened
-
-
-class State(IntEnum):
-    """supervisor_state_machine.h supervisorState_t."""
-
-    NOT_INITIALIZED = 0
-    PREFLIGHT_NOT_PASSED = 1
-    PREFLIGHT_PASSED = 2
-    ARMING = 3
-    READY_TO_FLY = 4
-    FLYING = 5
-    LANDED = 6
-    RESET = 7
-    LEVEL_OUT = 8
-    FREE_FALL = 9
-    LOCKED = 10
-    CRASHED = 11
-
-
-# stabilizer.c stabilizerTask: in any other state the set-point is nulled (supervisor.c supervisorCanFly)
-CAN_FLY = np.isin(list(State), (State.READY_TO_FLY, State.FLYING, State.LEVEL_OUT, State.LANDED))
-# supervisor.c supervisorAreMotorsAllowedToRun, and postTransitionActions: any other state disarms
-MOTORS_ALLOWED = CAN_FLY | np.isin(list(State), State.ARMING)
-
-
-@dataclass(frozen=True)
-class Conditions:
-    """What the supervisor decides on, (N,) each.
-
-    Attributes:
-        armed: the drone is armed.
-        flying: a motor has turned faster than idle within the last two seconds.
-        tumbled: tilted for too long, or upside down.
-        silent: the last set-point is so old that the drone levels out.
-        link_lost: the last set-point is so old that the motors stop.
-        emergency: an emergency stop was requested.
-        crashed: it tumbled in flight and has not been rebooted since.
-        preflight_over: ready to fly for too long without flying.
-        landing_over: landed for too long without flying.
-    """
-
-    armed: BoolArray
-    flying: BoolArray
-    tumbled: BoolArray
-    silent: BoolArray
-    link_lost: BoolArray
-    emergency: BoolArray
-    crashed: BoolArray
-    preflight_over: BoolArray
-    landing_over: BoolArray
-
-
-# supervisor_state_machine.c transitionLists: of the rows of a state the first that holds is taken
-TRANSITIONS: tuple[tuple[State, State, Callable[[Conditions], BoolArray]], ...] = (
-    (State.NOT_INITIALIZED, State.PREFLIGHT_NOT_PASSED, lambda c: np.ones_like(c.armed)),
-    (State.PREFLIGHT_NOT_PASSED, State.FREE_FALL, lambda c: c.emergency),
-    (State.PREFLIGHT_NOT_PASSED, State.PREFLIGHT_PASSED, lambda c: ~c.tumbled),
-    (State.PREFLIGHT_PASSED, State.FREE_FALL, lambda c: c.emergency),
-    (State.PREFLIGHT_PASSED, State.PREFLIGHT_NOT_PASSED, lambda c: c.tumbled),
-    (State.PREFLIGHT_PASSED, State.ARMING, lambda c: c.armed),
-    (State.ARMING, State.FREE_FALL, lambda c: c.emergency),
-    (State.ARMING, State.PREFLIGHT_NOT_PASSED, lambda c: c.tumbled | ~c.armed),
-    (State.ARMING, State.READY_TO_FLY, lambda c: np.ones_like(c.armed)),
-    (State.READY_TO_FLY, State.FREE_FALL, lambda c: c.emergency),
-    (State.READY_TO_FLY, State.PREFLIGHT_NOT_PASSED, lambda c: c.tumbled | c.preflight_over | ~c.armed),
-    (State.READY_TO_FLY, State.FLYING, lambda c: c.flying),
-    (State.FLYING, State.FREE_FALL, lambda c: c.link_lost | c.emergency),
-    (State.FLYING, State.CRASHED, lambda c: c.tumbled),
-    (State.FLYING, State.RESET, lambda c: ~c.armed),
-    (State.FLYING, State.LEVEL_OUT, lambda c: c.silent),
-    (State.FLYING, State.LANDED, lambda c: ~c.flying),
-    (State.LANDED, State.RESET, lambda c: c.landing_over | ~c.armed),
-    (State.LANDED, State.FLYING, lambda c: c.flying),
-    (State.RESET, State.PREFLIGHT_NOT_PASSED, lambda c: np.ones_like(c.armed)),
-    (State.LEVEL_OUT, State.FREE_FALL, lambda c: c.link_lost | c.tumbled | c.emergency),
-    (State.LEVEL_OUT, State.FLYING, lambda c: ~c.silent & ~c.link_lost),
-    (State.FREE_FALL, State.LOCKED, lambda c: np.ones_like(c.armed)),
-    (State.CRASHED, State.PREFLIGHT_NOT_PASSED, lambda c: ~c.crashed & ~c.tumbled),
-    (State.CRASHED, State.LOCKED, lambda c: c.emergency),
-)
-
-
-def next_state(state: IntArray, conditions: Conditions) -> IntArray:
-    """Return the (N,) supervisor states that follow; each drone makes at most one transition."""
-    following = state.copy()
-    waiting = np.ones(len(state), dtype=bool)
-    for origin, target, holds in TRANSITIONS:
-        taken = waiting & (state == origin)
-        if taken.any():
-            taken &= holds(conditions)
-            following[taken] = target
-            waiting &= ~taken
-    return following
 
 
 class Firmware:
@@ -166,7 +71,11 @@ class Firmware:
         self._lost = np.zeros((3, count), dtype=bool)  # axes whose PID integral is NaN
         # commander.c: the priority is the high-level commander's, which then owns the set-point
         self._relaxed = np.zeros(count, dtype=bool)
-        self._positioned = np.zeros(count, dtype=bool)  # the position controller makes the set-point
+        # what the position controller follows where it makes the set-point, else ATTITUDE
+        self._mode = np.zeros(count, dtype=np.int64)
+        # the last set-point of the link, if it speaks of position or velocity, else ATTITUDE
+        self._streamed = np.zeros(count, dtype=np.int64)
+        self._place, self._velocity = np.zeros((2, 3, count))  # m, m/s
         # times, ms
         self._received, self._thrusting, self._tilted, self._ready, self._landed, self._not_low, self._not_critical = (
             np.zeros((7, count), dtype=np.int64)
@@ -184,7 +93,8 @@ class Firmware:
         self._relaxed[index] = True  # commander.c commanderInit: no priority yet
         self._setpoint[:, index] = 0.0
         self._yaw_is_angle[index] = self._yaw_mode is YawMode.ANGLE
-        self._positioned[index] = False
+        self._mode[index] = self._streamed[index] = Mode.ATTITUDE
+        self.high_level.group_mask[index] = 0
         self._lost[:, index] = False
         for times in (self._received, self._thrusting, self._tilted, self._ready, self._landed):
             times[index] = NEVER
@@ -229,9 +139,26 @@ class Firmware:
         self._setpoint[:3, index] = np.where(np.isfinite(angles), angles, np.nan)
         self._setpoint[3, index] = accepted
         self._yaw_is_angle[index] = self._yaw_mode is YawMode.ANGLE
+        self._mode[index] = Mode.ATTITUDE
+        self._take_over(index, Mode.ATTITUDE, now)
+
+    def receive_position(self, index: int, setpoint: PositionSetpoint, now: int) -> None:
+        """Take a set-point that speaks of position or velocity: crtp_commander_generic.c; see receive.
+
+        The thrust lock is not for it: it flies a drone whose thrust is locked, and leaves the lock as it is.
+        """
+        if not self.powered[index]:
+            return
+        self._setpoint[2, index] = setpoint.yaw
+        self._yaw_is_angle[index] = setpoint.mode in (Mode.POSITION, Mode.FULL_STATE)
+        self._place[:, index], self._velocity[:, index] = setpoint.place, setpoint.velocity
+        self._take_over(index, setpoint.mode, now)
+
+    def _take_over(self, index: int, mode: Mode, now: int) -> None:
+        """Give a set-point of the link the priority."""
+        self._streamed[index] = mode
         self._received[index] = now
         self._relaxed[index] = False
-        self._positioned[index] = False
         self.high_level.stop(index)
 
     def notify_setpoints_stop(self, index: int) -> None:
@@ -246,8 +173,7 @@ class Firmware:
         """Run the high-level commander and the position controller once, every HIGH_LEVEL_PERIOD.
 
         stabilizer.c stabilizerTask, controller_pid.c controllerPid. Without the priority the commander plans on, but
-        its set-points are not used (commander.c commanderSetSetpoint). While the drone levels out, only their yaw and
-        thrust are.
+        its set-points are not used (commander.c commanderSetSetpoint). While the drone levels out, only thrust is.
 
         Args:
             now: ms.
@@ -258,19 +184,35 @@ class Firmware:
         can_fly = CAN_FLY[self.state]
         self.high_level.update(now, ~can_fly, position, velocity, yaw)
         heard = self._relaxed & can_fly
-        if not heard.any():
+        streamed = can_fly & ~self._relaxed & (self._streamed != Mode.ATTITUDE)
+        if not (heard | streamed).any():
             return
         flown = heard & self.high_level.following
         self._setpoint[:, heard & ~flown] = 0.0  # crtp_commander_high_level.c nullSetpoint
-        fresh = flown & ~self._positioned
-        self._positioned = flown
-        if not flown.any():
+        guided = flown | streamed
+        # supervisor.c supervisorOverrideSetpoint changes the mode of what levels out
+        mode = np.where(self.state == State.LEVEL_OUT, Mode.LEVEL, np.where(flown, Mode.POSITION, self._streamed))
+        mode[~guided] = Mode.ATTITUDE
+        fresh = guided & (mode != self._mode)
+        self._mode = mode
+        if not guided.any():
             return
         self._lost[:, fresh] = False  # controller_pid.c setpointModeChanged: all PIDs are reset
         goal = self.high_level.goal
-        roll, pitch, thrust = self._position_controller.control(goal[:3], position.T, velocity.T, yaw, fresh)
-        self._setpoint = np.where(flown, (roll, pitch, goal[3], thrust), self._setpoint)
+        heading, velocities = goal[3], None
+        place = goal[:3]
+        if streamed.any():
+            place = np.where(flown, place, self._place)
+            heading, velocities = np.where(flown, heading, self._setpoint[2]), self._velocities(streamed, yaw)
+        roll, pitch, thrust = self._position_controller.control(place, position.T, velocity.T, yaw, fresh, velocities)
+        self._setpoint = np.where(guided, (roll, pitch, heading, thrust), self._setpoint)
         self._yaw_is_angle |= flown
+
+    def _velocities(self, streamed: BoolArray, yaw: FloatArray) -> Velocities:
+        """Return the velocities that set-points of the link tell, those of the world turned to the (N,) yaw, rad."""
+        world, hover = (streamed & (self._streamed == mode) for mode in (Mode.VELOCITY, Mode.HOVER))
+        told = np.where(world, along_heading(self._velocity, yaw), self._velocity)
+        return Velocities(told, world | hover, world)
 
     def request_arming(self, index: int, arm: bool) -> bool:
         """Arm or disarm; False if refused: supervisor.c supervisorRequestArming."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -12,14 +12,16 @@ from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray, finite_array, require_each
 from flatsat_ros.base.constants import GRAVITY
-from flatsat_ros.base.errors import require, require_not_negative, require_number
+from flatsat_ros.base.errors import require, require_not_negative, require_number, require_positive
 from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile
 from flatsat_ros.crazyflie.wire import YawMode
 from flatsat_ros.sim.dynamics import STEP, Bodies, Ideal, Identified, Response, Wind
 from flatsat_ros.sim.firmware import SUPERVISOR_PERIOD, Firmware
 from flatsat_ros.sim.high_level import HIGH_LEVEL_PERIOD
+from flatsat_ros.sim.position_controller import PositionSetpoint
 from flatsat_ros.sim.power import Battery, IdealPowerTrain, PowerTrain
 from flatsat_ros.sim.sensor import MotionCapture, Recorder, Sample
+from flatsat_ros.sim.trajectories import Piece
 
 _MILLISECONDS = round(STEP * 1000)
 _SUPERVISOR_STEPS = SUPERVISOR_PERIOD // _MILLISECONDS
@@ -154,7 +156,16 @@ class SimulatedFleet:
         require(0.0 <= thrust_pwm <= PWM_FULL, "thrust_pwm", thrust_pwm, "", f"from 0 to {PWM_FULL}")
         self._send(partial(self.firmware.receive, index, roll, pitch, yaw, thrust_pwm))
 
-    def take_off(self, index: int, height: float, duration: float, yaw: float | None = None) -> None:
+    def command_position(self, index: int, setpoint: PositionSetpoint) -> None:
+        """Send a set-point of position or velocity, at the time advanced to; see command.
+
+        Raises:
+            FlatsatError: no such drone.
+        """
+        self._check(index)
+        self._send(partial(self.firmware.receive_position, index, setpoint))
+
+    def take_off(self, index: int, height: float, duration: float, yaw: float | None = None, *, group: int = 0) -> None:
         """Send the high-level command to rise straight to a height and hover there, at the time advanced to.
 
         Nothing tells the sender what the firmware refuses, as on the radio: see firmware and high_level. The command
@@ -167,17 +178,27 @@ class SimulatedFleet:
             height: m, world.
             duration: s.
             yaw: rad, world; None keeps the present one. crazyswarm2's cpp back-end sends what amounts to 0.
+            group: bits of the groups that it is for; 0 is for all.
 
         Raises:
             FlatsatError: no such drone, a value that is not finite, or a negative duration.
         """
-        self._send(partial(self.firmware.high_level.take_off, *self._rise(index, height, duration, yaw)))
+        self._send(partial(self.firmware.high_level.take_off, *self._rise(index, height, duration, yaw)), index, group)
 
-    def land(self, index: int, height: float, duration: float, yaw: float | None = None) -> None:
+    def land(self, index: int, height: float, duration: float, yaw: float | None = None, *, group: int = 0) -> None:
         """Send the high-level command to sink straight to a height and stop the motors there; see take_off."""
-        self._send(partial(self.firmware.high_level.land, *self._rise(index, height, duration, yaw)))
+        self._send(partial(self.firmware.high_level.land, *self._rise(index, height, duration, yaw)), index, group)
 
-    def go_to(self, index: int, position: ArrayLike, yaw: float, duration: float, *, relative: bool = False) -> None:
+    def go_to(
+        self,
+        index: int,
+        position: ArrayLike,
+        yaw: float,
+        duration: float,
+        *,
+        relative: bool = False,
+        group: int = 0,
+    ) -> None:
         """Send the high-level command to fly to a place and hover there, at the time advanced to; see take_off.
 
         Args:
@@ -186,6 +207,7 @@ class SimulatedFleet:
             yaw: rad, world.
             duration: s.
             relative: position and yaw are added to the drone's present goal or, if it has none, to its state.
+            group: bits of the groups that it is for; 0 is for all.
 
         Raises:
             FlatsatError: no such drone, a value that is not finite, not three coordinates, or a negative duration.
@@ -195,7 +217,55 @@ class SimulatedFleet:
         require(place.shape == (3,), "shape of position", place.shape, "", "(3,)")
         require_number("yaw", yaw, "rad")
         require_not_negative("duration", duration, "s")
-        self._send(partial(self.firmware.high_level.go_to, index, place.copy(), yaw, duration, relative))
+        go = partial(self.firmware.high_level.go_to, index, place.copy(), yaw, duration, relative)
+        self._send(go, index, group)
+
+    def upload_trajectory(self, index: int, trajectory: int, offset: int, pieces: Sequence[Piece]) -> None:
+        """Write a trajectory into a drone's memory, at once; all trajectories share its places for pieces.
+
+        Args:
+            index: the receiver.
+            trajectory: its number.
+            offset: place of its first piece.
+            pieces: what it is made of.
+
+        Raises:
+            FlatsatError: no such drone, number or place.
+        """
+        self._check(index)
+        self.firmware.high_level.memories[index].upload(trajectory, offset, pieces)
+
+    def start_trajectory(
+        self,
+        index: int,
+        trajectory: int,
+        *,
+        time_scale: float = 1.0,
+        reverse: bool = False,
+        relative: bool = True,
+        group: int = 0,
+    ) -> None:
+        """Send the high-level command to fly an uploaded trajectory and hover at its end, at the time advanced to.
+
+        See take_off. A drone without a trajectory of that number stays as it is.
+
+        Args:
+            index: the receiver.
+            trajectory: its number.
+            time_scale: how many times as long it takes.
+            reverse: whether it is flown backward in time.
+            relative: whether it is shifted to begin at the present goal or, if there is none, where the drone is.
+            group: bits of the groups that it is for; 0 is for all.
+
+        Raises:
+            FlatsatError: no such drone, or a time scale that is not above 0.
+        """
+        self._check(index)
+        require_positive("time_scale", time_scale, "")
+        start = partial(
+            self.firmware.high_level.start_trajectory, index, trajectory, float(time_scale), reverse, relative
+        )
+        self._send(start, index, group)
 
     def notify_setpoints_stop(self, index: int) -> None:
         """Tell a drone that no more set-points will come, at the time advanced to: its high-level commander takes over.
@@ -251,8 +321,14 @@ class SimulatedFleet:
         if self._recorder.is_due(self.time):
             self._recorder.take(self.time, *self.poses())
 
-    def _send(self, take: Callable[[int], object]) -> None:
-        """Put a command on its way."""
+    def _send(self, take: Callable[[int], object], index: int = 0, group: int = 0) -> None:
+        """Put a command on its way; drone index takes it if it belongs to the group, 0 meaning all, on its arrival."""
+        if group:
+            everybodys = take
+
+            def take(now: int) -> object:
+                return self.firmware.high_level.is_addressed(index, group) and everybodys(now)
+
         self._packets.append(_Packet(int(np.ceil((self._now + self._delay) / STEP - _ROUNDING)), take))
 
     def _rise(

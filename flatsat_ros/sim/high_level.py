@@ -1,17 +1,17 @@
-"""Flight without a set-point stream: the Crazyflie's high-level commander and position controller, for N drones.
+"""Flight without a set-point stream: the Crazyflie's high-level commander, for N drones.
 
 A restatement of bitcraze/crazyflie-firmware, release 2026.08; the file and function behind each rule stand beside it.
-Commands become polynomials in time, polynomials become goals of position and yaw every HIGH_LEVEL_PERIOD, and the
-position controller turns a goal into roll, pitch and thrust. The on-board estimate of position, velocity and yaw is
-the truth.
+Commands become polynomials in time, and polynomials become goals of position and yaw every HIGH_LEVEL_PERIOD, which
+the position controller follows. The on-board estimate of position, velocity and yaw is the truth.
 
-Not modelled: uploaded trajectories, spirals, straight (linear) go-to, take-off and landing at a given velocity, group
-masks, the estimate's errors, and other controllers than the default one, PID.
+Not modelled: compressed trajectories, spirals, straight (linear) go-to, take-off and landing at a given velocity, and
+the estimate's errors.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
@@ -19,20 +19,10 @@ from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import BoolArray, FloatArray
 from flatsat_ros.base.constants import GRAVITY
+from flatsat_ros.sim.trajectories import Piece, TrajectoryMemory
 
 HIGH_LEVEL_PERIOD = 10  # ms; stabilizer_types.h RATE_HL_COMMANDER and POSITION_RATE, 100 Hz
 SHORTEST = 1e-3  # s: on board a duration of 0 is a jump to the goal at once, here one within a period
-
-# platform_defaults_cf2.h, platform_defaults_cf21bl.h; no derivative gains, so their filters do nothing
-POSITION_GAIN = 2.0  # 1/s; PID_POS_X_KP, PID_POS_Y_KP, PID_POS_Z_KP
-HEIGHT_INTEGRAL_GAIN = 0.5  # 1/s^2; PID_POS_Z_KI, the others are 0
-VELOCITY_MAX = 1.1  # m/s; PID_POS_VEL_*_MAX times position_controller_pid.c velMaxOverhead
-VELOCITY_GAIN = 25.0  # deg or 1000 PWM per m/s; PID_VEL_X_KP, PID_VEL_Y_KP, PID_VEL_Z_KP
-VELOCITY_INTEGRAL_GAIN = np.array([[1.0], [1.0], [15.0]])  # deg or 1000 PWM per m; PID_VEL_X_KI, .._Y_KI, .._Z_KI
-TILT_MAX = 20.0  # deg; PID_VEL_ROLL_MAX, PID_VEL_PITCH_MAX
-THRUST_SCALE = 1000.0  # PWM; position_controller_pid.c thrustScale
-CLIMB_MAX = 32.767  # 1000 PWM; position_controller_pid.c velocityController, UINT16_MAX / 2 / thrustScale
-THRUST_LEAST, THRUST_MOST = 20000.0, 65535.0  # PWM; PID_VEL_THRUST_MIN, UINT16_MAX
 
 # of a polynomial in s the coefficients of s^4..s^7 from its value and three derivatives at s = 1
 _HIGHER = np.linalg.inv(
@@ -68,6 +58,8 @@ class HighLevelCommander:
         following: (N,) whether the drone is on a trajectory or hovers at its end; else the planner stops the motors.
         blocked: (N,) whether the supervisor forbids the drone to fly: commands are refused.
         goal: (4, N) x, y, z, m, and yaw, rad, of the drones that are following, as of the last update.
+        memories: N memories of uploaded trajectories.
+        group_mask: (N,) bits of the groups that each drone belongs to, hlCommander.groupmask; 0 is none.
     """
 
     def __init__(self, count: int) -> None:
@@ -76,8 +68,11 @@ class HighLevelCommander:
         self.blocked = np.ones(count, dtype=bool)
         self.goal = np.zeros((4, count))
         self._landing = np.zeros(count, dtype=bool)
+        self.memories = [TrajectoryMemory() for _ in range(count)]
+        self.group_mask = np.zeros(count, dtype=np.int64)
         self._coefficients = np.zeros((8, 4, count))
-        self._begin = np.zeros(count, dtype=np.int64)  # ms
+        self._begin = np.zeros(count)  # ms
+        self._pieces: list[deque[Piece]] = [deque() for _ in range(count)]  # of a trajectory, to be flown next
         self._duration = np.ones(count)  # s
         self._position, self._velocity, self._yaw = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count)
 
@@ -98,10 +93,17 @@ class HighLevelCommander:
         self.blocked = blocked
         if not self.following.any():
             return
+        if any(self._pieces):
+            for index in range(len(self._pieces)):
+                self._next_piece(index, now)
         progress = np.minimum((now - self._begin) * 1e-3 / self._duration, 1.0)
         # planner.c plan_current_goal: a landing ends with the motors off
         self.following &= ~(blocked | (self._landing & (progress >= 1.0)))
         self.goal = np.where(self.following, polyval(progress, self._coefficients, tensor=False), self.goal)
+
+    def is_addressed(self, index: int, group: int) -> bool:
+        """Whether a command to a group is for a drone too, 0 meaning all: crtp_commander_high_level.c isInGroup."""
+        return group == 0 or bool(group & self.group_mask[index])
 
     def take_off(self, index: int, height: float, duration: float, yaw: float | None, now: int) -> bool:
         """Rise straight to a height and hover; False if refused, being blocked or not stopped: planner.c plan_takeoff.
@@ -155,9 +157,46 @@ class HighLevelCommander:
         self._plan(index, start, rate, acceleration, start + end if relative else end, duration, now)
         return True
 
+    def start_trajectory(
+        self, index: int, trajectory: int, time_scale: float, reverse: bool, relative: bool, now: int
+    ) -> bool:
+        """Fly a trajectory of the memory; False if blocked or not defined: planner.c plan_start_trajectory.
+
+        Changes of the memory do not reach a flight under way; on board they do. The yaw is never shifted.
+
+        Args:
+            index: the receiver.
+            trajectory: its number.
+            time_scale: how many times as long it takes, above 0.
+            reverse: whether it is flown backward in time.
+            relative: whether it is shifted to begin at the present goal or, if there is none, at the present place.
+            now: ms.
+        """
+        pieces = self.memories[index].pieces_of(trajectory, time_scale, reverse)
+        if self.blocked[index] or not pieces:
+            return False
+        shift = np.zeros(4)
+        if relative:
+            shift[:3] = self._told(index)[:3] - pieces[0].coefficients[0, :3]
+        self._pieces[index] = deque(piece.shifted(shift) for piece in pieces)
+        self._begin[index], self._duration[index] = now, 0.0
+        self.following[index], self._landing[index] = True, False
+        self._next_piece(index, now)
+        self.goal[:, index] = self._coefficients[0, :, index]
+        return True
+
+    def _next_piece(self, index: int, now: int) -> None:
+        """Go on to the piece of a trajectory that a time, ms, falls into: pptraj.c piecewise_eval."""
+        pieces = self._pieces[index]
+        while pieces and (now - self._begin[index] > self._duration[index] * 1e3 or self._duration[index] == 0.0):
+            piece = pieces.popleft()
+            self._begin[index] += self._duration[index] * 1e3
+            self._coefficients[:, :, index], self._duration[index] = piece.coefficients, piece.duration
+
     def stop(self, index: int) -> None:
         """Forget the trajectory and stop the motors: planner.c plan_stop."""
         self.following[index] = False
+        self._pieces[index].clear()
 
     def _rise(self, index: int, height: float, duration: float, yaw: float | None, now: int) -> None:
         """Plan from rest, straight up or down: planner.c plan_takeoff_or_landing."""
@@ -172,12 +211,14 @@ class HighLevelCommander:
         return np.array([*self._position[index], self._yaw[index]])
 
     def _planned(self, index: int, now: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the (4,) value, rate and acceleration of x, y, z, yaw on the trajectory."""
+        """Return the (4,) value, rate and acceleration of x, y, z, yaw on the trajectory; at its end it rests."""
+        self._next_piece(index, now)
         duration = self._duration[index]
         progress = min((now - self._begin[index]) * 1e-3 / duration, 1.0)
         coefficients = self._coefficients[:, :, index]
         value, rate, acceleration = (polyval(progress, polyder(coefficients, k)) / duration**k for k in range(3))
-        return value, rate, acceleration
+        moving = float(progress < 1.0)
+        return value, moving * rate, moving * acceleration
 
     def _plan(
         self,
@@ -194,60 +235,6 @@ class HighLevelCommander:
         duration = max(duration, SHORTEST)
         self._coefficients[:, :, index] = polynomial(start, rate, acceleration, end, duration)
         self._begin[index], self._duration[index] = now, duration
+        self._pieces[index].clear()
         self.goal[:, index] = start
         self.following[index], self._landing[index] = True, False
-
-
-class PositionController:
-    """A position loop around a velocity loop, both along the drone's heading: position_controller_pid.c.
-
-    Its goal is the position alone: the planned velocity is not fed forward (kff is 0; mode modeAbs), so a drone stays
-    behind a moving goal by the way that the goal covers in half a second.
-    """
-
-    def __init__(self, count: int, thrust_base: float) -> None:
-        """Boot.
-
-        Args:
-            count: N.
-            thrust_base: PWM at which the controller takes every drone to hover; in flight the integral of the velocity
-                error makes up for a wrong one.
-        """
-        self._base = thrust_base
-        # height error, m s; velocity errors ahead, left and up, m. Their limit of 5000 is out of reach (pid.h)
-        self._integral = np.zeros((4, count))
-
-    def control(
-        self, goal: FloatArray, position: FloatArray, velocity: FloatArray, yaw: FloatArray, fresh: BoolArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Run once, every HIGH_LEVEL_PERIOD: positionController, velocityController, pid.c pidUpdate.
-
-        Args:
-            goal: (3, N) m, world.
-            position: (3, N) m, world.
-            velocity: (3, N) m/s, world.
-            yaw: (N,) rad.
-            fresh: (N,) whether to begin with integrals of 0 (controller_pid.c setpointModeChanged).
-
-        Returns:
-            (N,) roll and pitch, rad, and (N,) thrust, PWM.
-        """
-        dt = HIGH_LEVEL_PERIOD * 1e-3
-        self._integral[:, fresh] = 0.0
-        error = _along_heading(goal - position, yaw)
-        self._integral[0] += error[2] * dt
-        wanted = POSITION_GAIN * error
-        wanted[2] += HEIGHT_INTEGRAL_GAIN * self._integral[0]
-        error = np.clip(wanted, -VELOCITY_MAX, VELOCITY_MAX) - _along_heading(velocity, yaw)
-        self._integral[1:] += error * dt
-        ahead, left, up = VELOCITY_GAIN * error + VELOCITY_INTEGRAL_GAIN * self._integral[1:]
-        roll, pitch = np.deg2rad(np.clip((-left, ahead), -TILT_MAX, TILT_MAX))
-        thrust = self._base + THRUST_SCALE * np.clip(up, -CLIMB_MAX, CLIMB_MAX)
-        return roll, pitch, np.clip(thrust, THRUST_LEAST, THRUST_MOST)
-
-
-def _along_heading(vector: FloatArray, yaw: FloatArray) -> FloatArray:
-    """Return a (3, N) world vector as ahead, left, up."""
-    x, y, up = vector
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    return np.array([cos * x + sin * y, cos * y - sin * x, up])

@@ -24,8 +24,9 @@ from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.interfaces import Topic
-from flatsat_ros.sim.firmware import SHUTDOWN_AGE, State
+from flatsat_ros.sim.firmware import SHUTDOWN_AGE
 from flatsat_ros.sim.fleet import SimulatedFleet
+from flatsat_ros.sim.state_machine import State
 
 if TYPE_CHECKING:
     from conftest import Lab, Process

@@ -13,7 +13,8 @@ from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.ros import interfaces, messages
-from flatsat_ros.sim.firmware import SHUTDOWN_AGE, State
+from flatsat_ros.sim.firmware import SHUTDOWN_AGE
+from flatsat_ros.sim.state_machine import State
 
 if TYPE_CHECKING:
     from conftest import Lab

@@ -12,9 +12,10 @@ import pytest
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.crazyflie.wire import YawMode
-from flatsat_ros.sim.firmware import SUPERVISOR_PERIOD, TRANSITIONS, Firmware, State
+from flatsat_ros.sim.firmware import SUPERVISOR_PERIOD, Firmware
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.power import Battery
+from flatsat_ros.sim.state_machine import TRANSITIONS, State
 
 VEHICLES = Path(__file__).parents[2] / "config" / "vehicles"
 CF21 = VehicleProfile.load(VEHICLES / "cf21.yaml")

@@ -13,9 +13,9 @@ from numpy.testing import assert_allclose
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.crazyflie.wire import YawMode
-from flatsat_ros.sim.firmware import State
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.high_level import HIGH_LEVEL_PERIOD
+from flatsat_ros.sim.state_machine import State
 
 VEHICLES = Path(__file__).parents[2] / "config" / "vehicles"
 CF21 = VehicleProfile.load(VEHICLES / "cf21.yaml")

@@ -13,7 +13,8 @@ from numpy.polynomial.polynomial import polyder, polyval
 from numpy.testing import assert_allclose
 
 from flatsat_ros.base.constants import GRAVITY
-from flatsat_ros.sim.high_level import HIGH_LEVEL_PERIOD, HighLevelCommander, PositionController, polynomial
+from flatsat_ros.sim.high_level import HIGH_LEVEL_PERIOD, HighLevelCommander, polynomial
+from flatsat_ros.sim.position_controller import PositionController
 
 
 def planners(now: int = 0, position: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> HighLevelCommander:

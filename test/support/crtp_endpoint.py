@@ -20,8 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flatsat_ros.sim.firmware import State
 from flatsat_ros.sim.fleet import SimulatedFleet
+from flatsat_ros.sim.state_machine import State
 
 PROTOCOL = 12
 _PATIENCE = 0.002  # s
