@@ -36,7 +36,7 @@ def test_every_packaged_profile_loads_under_its_own_name(path: Path) -> None:
         ("cf2x_2025", 1.45),
         ("thrust_kit", 2.07),
         ("brushless", 1.90),
-        ("cf21_markers", 1.009),
+        ("cf21_markers", 1.007),
     ],
 )
 def test_thrust_to_weight_ratio_at_pwm_60000(name: str, ratio: float) -> None:
