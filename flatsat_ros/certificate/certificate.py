@@ -19,13 +19,16 @@ from flatsat_ros.base.errors import LARGEST, FlatsatError, refusal, require, req
 from flatsat_ros.base.files import located
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.base.strict_yaml import read_yaml, section, write_yaml
+from flatsat_ros.certificate import flight as flight_section
 from flatsat_ros.certificate import lyapunov
+from flatsat_ros.certificate.flight import Flight
 from flatsat_ros.certificate.robust import Robust
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.certificate.sets import Sets
 from flatsat_ros.law.input_set import InputSet
 
-FORMAT = 1
+# Versions of the file: the second has a flight section.
+_FORMATS = (1, 2)
 
 # Relative rounding that a proved inequality may show when it is tight; far below anything physical.
 _ROUNDING = 1e-9
@@ -78,9 +81,12 @@ class Certificate:
         loop: (n, n) W for x and for y, see `certificate.sampled_loop`; None without lag and delay, where P serves.
         loop_vertical: (n, n) W for z; None for the same as `loop`.
         robust: what holds under disturbances, if anything is claimed.
+        flight: what holds of the whole loop with estimator, predictor and compensation, if anything is claimed. The
+            other claims are then of the predicted state, which knows neither lag nor delay.
 
     Raises:
-        FlatsatError: a value is missing, of the wrong shape or not finite. Inequalities are checked by `verify`.
+        FlatsatError: a value is missing, of the wrong shape or not finite, or the flight section is of another loop.
+            Inequalities are checked by `verify`.
     """
 
     name: str
@@ -99,6 +105,7 @@ class Certificate:
     loop: FloatArray | None = None
     loop_vertical: FloatArray | None = None
     robust: Robust | None = None
+    flight: Flight | None = None
 
     def __post_init__(self) -> None:
         units = {"rate": "1/s", "ball": "m^2/s^4", "level": "", "period": "s", "gain_min": "", "gain_max": ""}
@@ -116,6 +123,18 @@ class Certificate:
                 matrix = _matrix(name, getattr(self, name), size)
                 matrix.setflags(write=False)
                 object.__setattr__(self, name, matrix)
+        if self.flight is not None:
+            self._require_the_loop_of(self.flight)
+
+    def _require_the_loop_of(self, flight: Flight) -> None:
+        """Refuse a flight section whose law or period is another one."""
+        if not self.timing.immediate:
+            raise FlatsatError("lag, delay: must be 0 with a flight section, whose predictor takes care of them")
+        period = flight.horizontal.design.period
+        require(period == self.period, "period of the flight section", period, "s", f"{self.period:g}, that of the law")
+        for axis, block in zip(flight.axes, self.blocks, strict=True):
+            found, gains = (axis.design.stiffness, axis.design.rate), (float(block[0, 1]), float(block[1, 1]))
+            require(found == gains, "stiffness and rate", found, "", f"{gains}, the lower row of the block of P")
 
     @property
     def blocks(self) -> tuple[FloatArray, FloatArray]:
@@ -159,7 +178,10 @@ class Certificate:
     def margins(self) -> dict[str, float]:
         """Return by how much, relatively, each inequality of the certificate holds; negative ones and NaN fail."""
         with np.errstate(all="ignore"):  # absurd figures overflow, which no inequality survives
-            return self._margins()
+            margins = self._margins()
+            if self.flight is not None:
+                margins |= self.flight.margins(self.limits.inner_radius, self.gain_max)
+            return margins
 
     def _margins(self) -> dict[str, float]:
         immediate, robust = self.timing.immediate, self.robust
@@ -204,14 +226,16 @@ class Certificate:
         """Check every inequality with numpy alone.
 
         Returns:
-            The relative margin of each inequality, at least -1e-9 (rounding of a tight one).
+            The relative margin of each inequality, at least -1e-9 (rounding of a tight one), of those of the flight
+            section at least 0.
 
         Raises:
             FlatsatError: an inequality does not hold; the text names it and by how much it fails.
         """
         margins = self.margins()
         for name, margin in margins.items():
-            if not margin >= -_ROUNDING or ("is positive definite" in name and margin <= 0.0):
+            tolerance = 0.0 if name.startswith("flight: ") else _ROUNDING
+            if not margin >= -tolerance or ("is positive definite" in name and margin <= 0.0):
                 raise FlatsatError(f"certificate {self.name!r}: '{name}' fails by {-margin:.6g} (relative): must hold")
         return margins
 
@@ -237,10 +261,22 @@ class Certificate:
     @classmethod
     def from_document(cls, document: object) -> Certificate:
         """Build a certificate from the parsed YAML document, refusing whatever is not exactly its form."""
-        keys = ("flatsat_certificate", "name", *_SCHEMA, "loop", "robust", "provenance")
+        version = document.get("flatsat_certificate") if isinstance(document, dict) else None
+        flies = version == _FORMATS[1] and not isinstance(version, bool)
+        keys = (
+            "flatsat_certificate",
+            "name",
+            *_SCHEMA,
+            "loop",
+            "robust",
+            *(("flight",) if flies else ()),
+            "provenance",
+        )
         root = section("the certificate", document, keys)
-        if root["flatsat_certificate"] != FORMAT or isinstance(root["flatsat_certificate"], bool):
-            raise refusal("flatsat_certificate", root["flatsat_certificate"], "", f"{FORMAT}, what this version reads")
+        if not flies and (version != _FORMATS[0] or isinstance(version, bool)):
+            raise refusal(
+                "flatsat_certificate", version, "", f"{_FORMATS[0]} or {_FORMATS[1]}, what this version reads"
+            )
         if not isinstance(root["name"], str) or not root["name"]:
             raise refusal("name", root["name"], "", "a non-empty string")
         if not isinstance(root["provenance"], dict):
@@ -259,6 +295,7 @@ class Certificate:
             loop=loop["horizontal"],
             loop_vertical=loop["vertical"],
             robust=robust,
+            flight=Flight.from_document(root["flight"], sampling["period"]) if flies else None,
             provenance=root["provenance"],
         )
         matrix = _matrix("lyapunov.matrix", decay["matrix"], 6)
@@ -274,7 +311,7 @@ class Certificate:
             return None if matrix is None else matrix.tolist()
 
         loop = {"horizontal": plain(self.loop), "vertical": plain(self.loop_vertical)}
-        values = {
+        values: dict[str, Any] = {
             "limits": {key: getattr(self.limits, key) for key in _SCHEMA["limits"]},
             "lyapunov": {
                 "rate": self.rate,
@@ -287,7 +324,10 @@ class Certificate:
             "loop": None if self.loop is None else loop,
             "robust": None if self.robust is None else self.robust.to_document(),
         }
-        return {"flatsat_certificate": FORMAT, "name": self.name, **values, "provenance": dict(self.provenance)}
+        if self.flight is not None:
+            values["flight"] = self.flight.to_document()
+        version = _FORMATS[self.flight is not None]
+        return {"flatsat_certificate": version, "name": self.name, **values, "provenance": dict(self.provenance)}
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Verify and write the certificate; the file is replaced in one step, never left half written.
@@ -299,7 +339,8 @@ class Certificate:
             FlatsatError: an inequality does not hold, or the file cannot be written.
         """
         self.verify()
-        write_yaml(path, self.to_document(), _HEADER)
+        header = _HEADER if self.flight is None else _HEADER + flight_section.HEADER
+        write_yaml(path, self.to_document(), header)
 
 
 def load_certificate(name_or_path: str | os.PathLike[str]) -> Certificate:

@@ -30,7 +30,8 @@ class Bounds:
 
     With x the size of the plant's state, columns of inputs are: rate (pieces + 1), noise, drive (pieces + 1), pulse,
     change of the gain, share, model's drive (pieces + 1), plant (x), model (y). Rows of signals: e, e', v0, D/g - d^
-    (with derivatives); then the difference of commands and, of each stretch, x' at its beginning and nodes of F.
+    (with derivatives); then the difference of commands and, of each stretch, x' at its beginning and nodes of F; then
+    the errors of the estimated velocity and the model's x^' at the beginning of each of its stretches.
     """
 
     def __init__(self, cell: Cell, gain_min: float, gain_max: float, growth: float = 1.0) -> None:
@@ -78,6 +79,8 @@ class Bounds:
         blocks = [cell.difference[np.newaxis]]
         for stretch in cell.stretches:
             blocks += [stretch.slope, *stretch.nodes]
+        self._seen = 4 + sum(len(block) for block in blocks)
+        blocks += [cell.lateness, *cell.model_slopes]
         others = np.concatenate(blocks)
         steps = np.array(cell.derivatives)
         kicks = np.zeros((len(steps), *self._inputs.shape))
@@ -127,8 +130,47 @@ class Bounds:
             begin += x + len(stretch.nodes) * m
         return bound + np.abs(cell.on_state) @ leak, bend + float(np.abs(cell.loop.plant.system[0])[1] @ leak)
 
+    def _late_pose(
+        self, values: FloatArray, leak: FloatArray, jolt: float, rate: float, model: float, other_age: float
+    ) -> float:
+        """Return a bound of what poses of another age than the loop's add to innovations, m.
+
+        Args:
+            values: (rows,) bounds of the signals at ticks.
+            leak: (x,) by how much inputs within a period move x.
+            jolt: bound of the inputs at the last row.
+            rate: of D', m/s^3.
+            model: of the drive at the nominal plant's input, m/s^2.
+            other_age: by how much the age is another, s.
+        """
+        cell, h = self.cell, self.cell.loop.design.period
+        (A, _, E), growth, x = cell.loop.plant.system, cell.growth, len(cell.growth)
+        slope, begin = np.zeros(x), 5
+        for stretch in cell.stretches:
+            slope = np.maximum(slope, values[begin : begin + x])
+            begin += x + len(stretch.nodes) * len(cell.on_state)
+        moving = growth @ slope + np.abs(A) @ leak + np.abs(E) * h * rate
+        moving[-1] += jolt
+        bend = float(np.abs(A)[1] @ moving) + rate
+
+        A, B, _ = cell.loop.design.model.system
+        growth, y = exponential(np.abs(A) * h), len(A)
+        slope = values[self._seen + 2 :].reshape(-1, y).max(axis=0)
+        model_leak = growth @ np.abs(B) * h * model
+        bend += float(np.abs(A)[1] @ (growth @ slope + np.abs(A) @ model_leak + np.abs(B) * model))
+        strayed = leak[1] + model_leak[1]  # of the velocity, within the period
+        wrong = max(values[self._seen], values[self._seen + 1] + strayed) + h * h / 8.0 * bend
+        return float(other_age * wrong + cell.loop.pose_age * strayed)
+
     def settled(
-        self, signals: FloatArray, at_vertices: FloatArray, error: float, rate: float, lag_varies: bool
+        self,
+        signals: FloatArray,
+        at_vertices: FloatArray,
+        error: float,
+        rate: float,
+        model: float,
+        other_age: float,
+        lag_varies: bool,
     ) -> tuple[FloatArray, float] | None:
         """Return bounds of the tracked signals (4,) and of e'', or None if the small gain argument does not hold.
 
@@ -137,6 +179,8 @@ class Bounds:
             at_vertices: (V, 4) bounds of the tracked ones to first order, at the vertices.
             error: bound of the drive at the last row.
             rate: of D', m/s^3.
+            model: bound of the drive at the nominal plant's input, m/s^2.
+            other_age: by how much the age of a pose is another than the loop's, s.
             lag_varies: whether lag, frequency and damping change in flight.
         """
         cell, loop = self.cell, self.cell.loop
@@ -144,14 +188,16 @@ class Bounds:
         A, _, E = loop.plant.system
         late, moved = cell.vertices[:, -1].max(), np.abs(cell.vertices[:, :-1]).max(axis=0)
         late_shape = late**2 / 2.0 * cell.port_gain * (np.abs(A) @ cell.growth[:, -1])
-        changes = self._part["change"].start
+        changes, noise = self._part["change"].start, self._part["noise"].start
 
-        def bounds(drive: float, difference: float, change: float) -> tuple[FloatArray, FloatArray, float]:
-            """Bounds (4,) of the signals, (3,) of the inputs that follow from them, and of e''."""
+        def bounds(
+            drive: float, difference: float, change: float, late_pose: float
+        ) -> tuple[FloatArray, FloatArray, float]:
+            """Bounds (4,) of the signals, (4,) of the inputs that follow from them, and of e''."""
             wrong = self.amplitudes(drive, pulse=late * cell.port_gain * difference)
             wrong[self._part["plant"]] += late_shape * difference
             rest = sums @ wrong
-            whole = signals + sums[:, changes] * change + rest
+            whole = signals + sums[:, changes] * change + sums[:, noise] * late_pose + rest
             leak = cell.growth[:, -1] * (h * (drive + error) + late * cell.port_gain * difference)
             leak += cell.growth @ np.abs(E) * h * h * rate
             seen, bend = self._between(whole, leak)
@@ -162,11 +208,14 @@ class Bounds:
             second[self._part["plant"]] += late_shape * difference
             tracked = whole[:4]
             if not lag_varies:
-                first = (at_vertices + at[:, :, changes] * change).max(axis=0)
+                first = (at_vertices + at[:, :, changes] * change + at[:, :, noise] * late_pose).max(axis=0)
                 tracked = np.minimum(tracked, first + sums[:4] @ second)
-            return tracked, np.array([moved @ seen, whole[4], self._deviation * tracked[2]]), bend + h * rate
+            jolt = drive + error + (cell.port_gain * difference if late > 0.0 else 0.0)
+            pose = self._late_pose(whole, leak, jolt, rate, model, other_age) if other_age > 0.0 else 0.0
+            following = [moved @ seen, whole[4], self._deviation * tracked[2], pose]
+            return tracked, np.array(following), bend + h * rate
 
-        point = np.zeros(3)
+        point = np.zeros(4)
         for _ in range(_ITERATIONS):
             _, following, _ = bounds(*point)
             if following.max() > _ABSURD:

@@ -127,10 +127,13 @@ class Cell:
         difference: row of the command before the change less the one after it.
         stretches: of a period, with one command each.
         growth: (x, x) e^(|A| h): bounds what a state does within a period.
+        lateness: rows (2, n + 1) of the error of the estimated velocity, at the tick and before the correction at the
+            next one.
+        model_slopes: rows (k, y, n + 1) of x^' of the nominal plant where its command changes and at the tick.
         on_state: (m, x) of F.
     """
 
-    def __init__(self, design: Design, box: Box) -> None:
+    def __init__(self, design: Design, box: Box, pose_age: float = 0.0) -> None:
         low, high = box.low, box.high
         second, delay = low.frequency > 0.0, (low.delay + high.delay) / 2.0
         name = "frequency" if second else "lag"
@@ -147,7 +150,7 @@ class Cell:
             middle = Plant(delay, 0.0, frequency, q[2] / (2.0 * frequency), gain, tilt, low.drag)
         else:
             middle = Plant(delay, 1.0 / q[0], gain=gain, drag=low.drag)
-        self.loop = FlightLoop(design, middle)
+        self.loop = FlightLoop(design, middle, pose_age)
 
         late = (high.delay - low.delay) / 2.0
         vertices = []
@@ -197,6 +200,7 @@ class Cell:
         self.difference = stretches[0][1] - stretches[-1][1]
         self.derivatives.append(port_gain * np.outer(self.pulse, self.difference))
 
+        self._follow_the_model()
         self.stretches, state = [], np.eye(n, size + 1)
         for time, command in stretches:
             radius, nodes = time / (2 * _NODES), []
@@ -207,6 +211,24 @@ class Cell:
             self.stretches.append(Stretch(radius, np.array(nodes), A @ state + port_gain * np.outer(port, command)))
             phi, drive, _ = plant.hold(time)
             state = phi @ state + plant.gain * np.outer(drive, command)
+
+    def _follow_the_model(self) -> None:
+        """Compute rows of what the estimator believes within a period."""
+        loop, model = self.loop, self.loop.design.model
+        h, start, size = loop.design.period, loop.plant.size, loop.size
+        A, B, E = model.system
+        error = -np.eye(1, size + 1, start + model.size)[0]
+        whole, rest = split(model.delay, h)
+        stretches = [(rest, whole + 1), (h - rest, whole)] if rest > 0.0 else [(h, whole)]
+        state, slopes = np.eye(model.size, size + 1, start), []
+        for time, index in stretches:
+            slopes.append(A @ state + np.outer(B, loop.commands[index]) + np.outer(E, error))
+            phi, drive, push = model.hold(time)
+            state = phi @ state + np.outer(drive, loop.commands[index]) + np.outer(push, error)
+        self.model_slopes = np.array(slopes)
+        before = loop.before_correction
+        now = np.eye(1, size + 1, 1)[0] - np.eye(1, size + 1, start + 1)[0]
+        self.lateness = np.array([now, before[1] - before[start + 1]])
 
     def _input(self, part: FloatArray) -> FloatArray:
         """Columns (n, ...) of z after the tick, from those of x before it."""

@@ -192,15 +192,21 @@ class FlightLoop:
     Attributes:
         design: the controller.
         plant: what it flies.
+        pose_age: age of the pose at every tick, s. The innovation is what it says less what was believed of its time;
+            all of it corrects the estimate of the tick.
 
     Raises:
-        FlatsatError: a delay is longer than 40 periods.
+        FlatsatError: a delay is longer than 40 periods, or the pose older than one.
     """
 
     design: Design
     plant: Plant
+    pose_age: float = 0.0
 
     def __post_init__(self) -> None:
+        require_not_negative("pose_age", self.pose_age, "s")
+        period = self.design.period
+        require(self.pose_age <= period, "pose_age", self.pose_age, "s", f"at most the period, {period:g} s")
         most = _DEPTH * self.design.period
         for delay in (self.plant.delay, self.design.model.delay):
             require(delay <= most, "delay", delay, "s", f"at most {most:.6g} s, {_DEPTH} periods")
@@ -279,9 +285,9 @@ class FlightLoop:
         h, n, error = self.design.period, self.size, self._error
         plant, model = self.plant, self.design.model
         step, commands = np.zeros((n, n + 1)), self.commands
-        step[: plant.size] = _drive(plant, h, plant.gain, 0, commands, n)
+        step[: plant.size] = _drive(plant, h, h, plant.gain, 0, commands, n)
         push = model.hold(h)[2]
-        step[plant.size : error] = _drive(model, h, 1.0, plant.size, commands, n)
+        step[plant.size : error] = _drive(model, h, h, 1.0, plant.size, commands, n)
         step[plant.size : error, error] -= push
         step[error, error] = 1.0
         step[error + 1 :] = commands[: self.depth]
@@ -290,20 +296,37 @@ class FlightLoop:
         correction[error] = -self.design.observer[2]
         return step, correction
 
+    @cached_property
+    def _innovation(self) -> FloatArray:
+        """Row (n + 1,) of what the pose says less what was believed of its time, from (z, c_0)."""
+        if self.pose_age == 0.0:
+            return np.asarray(self._step[0][0] - self._step[0][self.plant.size])
+        h, n, plant, model = self.design.period, self.size, self.plant, self.design.model
+        time = h - self.pose_age
+        row = _drive(plant, h, time, plant.gain, 0, self.commands, n)[0]
+        row = row - _drive(model, h, time, 1.0, plant.size, self.commands, n)[0]
+        row[self._error] += model.hold(time)[2][0]
+        return np.asarray(row)
+
+    @property
+    def before_correction(self) -> FloatArray:
+        """Rows (n, n + 1) that give z at the end of the period, before the correction there, from (z, c_0)."""
+        return self._step[0]
+
     def corrected(self, predicted: FloatArray) -> FloatArray:
-        """Return z after the correction at the tick, from z before it and without noise; (n,), or columns (n, m)."""
+        """Return z after a correction by a pose of the tick, from z before it; (n,), or columns (n, m)."""
         innovation = predicted[0] - predicted[self.plant.size]
         return np.asarray(predicted + np.multiply.outer(self._step[1], innovation))
 
     def matrix(self, gain: float) -> FloatArray:
         """Return A(k) (n, n) of the loop at the applied gain k."""
-        step, n = self._step[0], self.size
-        return self.corrected(step[:, :n] + np.outer(step[:, n], self.compensation + gain * self.feedback))
+        step, n = self._step[0] + np.outer(self._step[1], self._innovation), self.size
+        return np.asarray(step[:, :n] + np.outer(step[:, n], self.compensation + gain * self.feedback))
 
     @cached_property
     def command_input(self) -> FloatArray:
         """Column (n,) by which an error of the command c_0 enters z+: A(k) - A(0) = k times its product with v0."""
-        return self.corrected(self._step[0][:, self.size])
+        return np.asarray(self._step[0][:, self.size] + self._step[1] * self._innovation[self.size])
 
     @property
     def noise_input(self) -> FloatArray:
@@ -350,13 +373,15 @@ class FlightLoop:
         return column
 
 
-def _drive(plant: Plant, h: float, gain: float, begin: int, commands: FloatArray, n: int) -> FloatArray:
-    """Return rows (plant.size, n + 1): x a period later from (z, c_0), where x stands in z from index `begin`."""
+def _drive(plant: Plant, h: float, time: float, gain: float, begin: int, commands: FloatArray, n: int) -> FloatArray:
+    """Return rows (plant.size, n + 1): x at a time within the period from (z, c_0); x is in z from `begin` on."""
     whole, rest = split(plant.delay, h)
     rows = np.zeros((plant.size, n + 1))
     rows[:, begin : begin + plant.size] = np.eye(plant.size)
     if rest > 0.0:
-        phi, drive, _ = plant.hold(rest)
+        phi, drive, _ = plant.hold(min(rest, time))
         rows = phi @ rows + gain * np.outer(drive, commands[whole + 1])
-    phi, drive, _ = plant.hold(h - rest)
-    return np.asarray(phi @ rows + gain * np.outer(drive, commands[whole]))
+    if time > rest:
+        phi, drive, _ = plant.hold(time - rest)
+        rows = phi @ rows + gain * np.outer(drive, commands[whole])
+    return rows

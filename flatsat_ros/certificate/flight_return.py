@@ -52,7 +52,13 @@ class Return:
 
 
 def cell_return(
-    design: Design, box: Box, gain_min: float, gain_max: float, rate: float, lag_varies: bool = False
+    design: Design,
+    box: Box,
+    gain_min: float,
+    gain_max: float,
+    rate: float,
+    pose_age: float = 0.0,
+    lag_varies: bool = False,
 ) -> Return:
     """Return how all plants of a box return, as one cell; infinite bounds if so fast a return cannot be shown.
 
@@ -62,20 +68,22 @@ def cell_return(
         gain_min: smallest applied gain k, which may be another at every tick.
         gain_max: largest applied gain.
         rate: 1/s.
+        pose_age: of the newest pose at a tick, s.
         lag_varies: whether lag, frequency and damping change in flight, within the box.
 
     Raises:
         FlatsatError: as `cell_tube`.
     """
     h, growth = design.period, math.exp(rate * design.period)
-    bounds = cell_bounds(design, box, gain_min, gain_max, growth)
+    bounds = cell_bounds(design, box, gain_min, gain_max, pose_age, growth)
     found = Return(rate, math.inf, math.inf, math.inf, math.inf)
     if not bounds.answers.finite:
         return found
+    late = pose_age / 2.0 * math.exp(rate * (pose_age + h))  # what it sees has decayed less
     pairs = []
     for i in range(2):
         start = bounds.answers.peaks[:, i], bounds.answers.vertex_peaks[:, :, i]
-        settled = bounds.settled(*start, 0.0, 0.0, lag_varies)
+        settled = bounds.settled(*start, 0.0, 0.0, 0.0, late, lag_varies)
         if settled is None:
             return found
         # from tick to tick: the tick before has decayed by one period less
@@ -91,6 +99,7 @@ def box_return(
     gain_min: float,
     gain_max: float,
     rate: float,
+    pose_age: float = 0.0,
     lag_varies: bool = False,
 ) -> Return:
     """Return how all plants of a box return that is cut into cells; the arguments are those of `box_tube`.
@@ -102,9 +111,10 @@ def box_return(
         gain_min: smallest applied gain k.
         gain_max: largest applied gain.
         rate: 1/s.
+        pose_age: of the newest pose at a tick, s.
         lag_varies: whether lag, frequency and damping change in flight.
     """
     found = Return(rate, 0.0, 0.0, 0.0, 0.0)
     for part in cells(box, cuts, design.period, lag_varies):
-        found |= cell_return(design, part, gain_min, gain_max, rate, lag_varies)
+        found |= cell_return(design, part, gain_min, gain_max, rate, pose_age, lag_varies)
     return found

@@ -30,6 +30,7 @@ class Assumptions:
         acceleration: of the reference, m/s^2; only drag and tilt need it.
         jerk: of the reference, m/s^3.
         snap: of the reference, m/s^4.
+        pose_age: of the newest pose at a tick, s; at every tick the estimator has one that is no older.
 
     Raises:
         FlatsatError: a value is negative or not finite.
@@ -40,10 +41,11 @@ class Assumptions:
     acceleration: float
     jerk: float
     snap: float
+    pose_age: float = 0.0
 
     def __post_init__(self) -> None:
         require_fields(self, require_not_negative, disturbance_rate="m/s^3", noise="m", acceleration="m/s^2")
-        require_fields(self, require_not_negative, jerk="m/s^3", snap="m/s^4")
+        require_fields(self, require_not_negative, jerk="m/s^3", snap="m/s^4", pose_age="s")
 
     def drive(self, model: Plant, period: float, low: Plant, high: Plant) -> float:
         """Return a bound of what f has too much for the reference at the input of any plant between two, m/s^2.
@@ -122,38 +124,46 @@ def cell_tube(
     Raises:
         FlatsatError: a whole period lies inside the interval of the delay, or the gains are no interval above 0.
     """
-    bounds = cell_bounds(design, box, gain_min, gain_max)
+    bounds = cell_bounds(design, box, gain_min, gain_max, assumptions.pose_age)
     model, period = design.model, design.period
     rate, error = assumptions.rate(model, box.low, box.high), assumptions.drive(model, period, box.low, box.high)
     cell = bounds.cell
     if not bounds.answers.finite:
         return Tube(math.inf, math.inf, math.inf, math.inf)
+    model_drive = assumptions.drive(model, period, model, model)
     inputs = bounds.amplitudes(
         cell.port_gain * error,
         rate=rate,
         noise=assumptions.noise,
         share=cell.share_error * rate,
-        model_drive=assumptions.drive(model, period, model, model),
+        model_drive=model_drive,
     )
     signals, at_vertices = bounds.answers.sums @ inputs, bounds.answers.vertex_sums @ inputs
-    settled = bounds.settled(signals, at_vertices, cell.port_gain * error, rate, lag_varies)
+    settled = bounds.settled(
+        signals, at_vertices, cell.port_gain * error, rate, model_drive, assumptions.pose_age / 2.0, lag_varies
+    )
     if settled is None:
         return Tube(math.inf, math.inf, math.inf, math.inf)
     (position, velocity, nominal, disturbance), bend = settled[0].tolist(), settled[1]
     return Tube(position + period * period / 8.0 * bend, velocity, nominal, disturbance)
 
 
-def cell_bounds(design: Design, box: Box, gain_min: float, gain_max: float, growth: float = 1.0) -> Bounds:
-    """Return the sums of a box as one cell, having checked that it is one.
+def cell_bounds(
+    design: Design, box: Box, gain_min: float, gain_max: float, pose_age: float, growth: float = 1.0
+) -> Bounds:
+    """Return the sums of a box as one cell, whose poses are half as old as they may be, having checked that it is one.
 
     Raises:
-        FlatsatError: a whole period lies inside the interval of the delay, or the gains are no interval above 0.
+        FlatsatError: a whole period lies inside the interval of the delay, the gains are no interval above 0, or poses
+            are older than two periods.
     """
+    if not pose_age <= 2.0 * design.period:
+        raise refusal("pose_age", pose_age, "s", f"at most two periods, {2.0 * design.period:g} s")
     if not box.within_periods(design.period):
         raise FlatsatError(f"delays from {box.low.delay} to {box.high.delay} s: must have no whole period inside")
     if not 0.0 < gain_min <= gain_max:
         raise refusal("gain_min", gain_min, "", f"above 0 and at most gain_max, {gain_max:g}")
-    return Bounds(Cell(design, box), gain_min, gain_max, growth)
+    return Bounds(Cell(design, box, pose_age / 2.0), gain_min, gain_max, growth)
 
 
 def box_tube(

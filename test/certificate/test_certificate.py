@@ -120,7 +120,7 @@ def test_the_amount_is_by_how_much_it_fails() -> None:
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (lambda d: d.update(flatsat_certificate=2), "flatsat_certificate = 2: must be 1, what this version reads"),
+        (lambda d: d.update(flatsat_certificate=3), "flatsat_certificate = 3: must be 1 or 2, what this version reads"),
         (lambda d: d.update(flatsat_certificate=True), "flatsat_certificate = True"),
         (lambda d: d.update(name=""), "name = ''"),
         (lambda d: d.update(name=7), "name = 7"),

@@ -1,0 +1,203 @@
+"""The flight section of a certificate: strict, the same after a round trip, and every claim is proved again."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.flight import Axis, Flight
+from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight_loop import Design, Plant
+from flatsat_ros.certificate.flight_return import Return
+from flatsat_ros.certificate.flight_tube import Assumptions, Tube
+from flatsat_ros.law.input_set import InputSet
+from flatsat_ros.synthesis.flight_design import ideal_block
+
+ASSUMPTIONS = Assumptions(disturbance_rate=0.35, noise=5e-4, acceleration=0.0, jerk=0.58, snap=0.66, pose_age=0.004)
+LIMITS = InputSet(14.2, 0.262, 9.81)
+NONE, BACK = Tube(1.0, 1.0, 1.0, 1.0), Return(0.5, 1.0, 1.0, 1.0, 1.0)
+
+
+def flight_of(horizontal: Axis, vertical: Axis) -> Flight:
+    """A section whose claims are what is proved, a little enlarged."""
+    proved = []
+    for axis in (horizontal, vertical):
+        tube = axis.proved(1.0, 1.5, ASSUMPTIONS)
+        back = asdict(axis.returned(1.0, 1.5, ASSUMPTIONS.pose_age))
+        back = {f: v * (1.001 if f != "rate" else 1.0) for f, v in back.items()}
+        larger = Tube(**{f: 1.001 * v for f, v in asdict(tube).items()})
+        proved.append(replace(axis, tube=larger, back=Return(**back)))
+    return Flight(1.0, 1.5, 2.2, 0.3, ASSUMPTIONS, *proved)
+
+
+@pytest.fixture(scope="module")
+def certificate() -> Certificate:
+    design = Design.predicting(0.02, Plant(0.03, 0.14), (0.357, 3.93, 14.2), 30.0, 18.0)
+    sides = Axis(Box(Plant(0.029, 0.138), Plant(0.031, 0.142)), False, design, ("lag", "", ""), NONE, BACK)
+    softer = replace(design, stiffness=25.0, rate=16.0)
+    upright = Axis(Box(Plant(0.03, 0.135), Plant(0.03, 0.14)), True, softer, ("",), NONE, BACK)
+    rates, blocks = zip(
+        *(ideal_block(axis.design.stiffness, axis.design.rate) for axis in (sides, upright)), strict=True
+    )
+    ball = LIMITS.inner_radius**2 * 0.999
+    return Certificate(
+        name="small",
+        limits=LIMITS,
+        rate=min(rates),
+        block=blocks[0],
+        ball=ball,
+        level=0.999 * ball / 18.0,
+        period=0.02,
+        gain_min=1.0,
+        gain_max=1.4,
+        block_vertical=blocks[1],
+        provenance={"by": "a test"},
+        flight=flight_of(sides, upright),
+    )
+
+
+@pytest.fixture(scope="module")
+def flight(certificate: Certificate) -> Flight:
+    assert certificate.flight is not None
+    return certificate.flight
+
+
+def test_a_round_trip_changes_nothing(certificate: Certificate, flight: Flight, tmp_path: Path) -> None:
+    certificate.save(tmp_path / "small.yaml")
+    loaded = Certificate.load(tmp_path / "small.yaml")
+    assert loaded.flight == flight
+    assert loaded.to_document() == certificate.to_document()
+    loaded.save(tmp_path / "again.yaml")
+    assert (tmp_path / "again.yaml").read_bytes() == (tmp_path / "small.yaml").read_bytes()
+
+
+def test_every_claim_is_checked_without_tolerance(certificate: Certificate, flight: Flight) -> None:
+    axes = []
+    for axis in flight.axes:
+        less = {f: v * (1.0 - 1.01e-3) for f, v in asdict(axis.tube).items()}
+        back = {f: v * (1.0 - 1.01e-3 * (f != "rate")) for f, v in asdict(axis.back).items()}
+        axes.append(replace(axis, tube=Tube(**less), back=Return(**back)))
+    smaller = replace(certificate, flight=replace(flight, horizontal=axes[0], vertical=axes[1]))
+    claims = {name: margin for name, margin in smaller.margins().items() if " tube, " in name or " way back, " in name}
+    assert len(claims) == 16
+    assert -1e-4 < min(claims.values()) <= max(claims.values()) < 0.0
+    with pytest.raises(FlatsatError, match="'flight: horizontal tube, position' fails by"):
+        smaller.verify()
+
+
+@pytest.mark.parametrize("part", ["gain_max", "lag", "delay", "noise", "pose_age", "observer", "back"])
+def test_what_is_claimed_for_more_than_is_proved_is_refused(certificate: Certificate, part: str) -> None:
+    document = certificate.to_document()
+    flight = copy.deepcopy(document["flight"])
+    sides = flight["horizontal"]
+    if part == "gain_max":
+        flight[part] *= 1.03
+    elif part in ("noise", "pose_age"):
+        flight["assumptions"][part] *= 1.03
+    elif part == "observer":
+        sides["observer"][2] *= 1.03
+    elif part == "back":
+        sides["back"]["rate"] *= 1.03
+    else:
+        sides["high"][part] *= 1.01
+    with pytest.raises(FlatsatError, match=r"'flight: .* fails by"):
+        Certificate.from_document(document | {"flight": flight}).verify()
+
+
+def test_the_cap_of_the_gain_must_be_in_the_interval(certificate: Certificate) -> None:
+    with pytest.raises(FlatsatError, match="'flight: the cap of the gain is in the interval' fails by"):
+        replace(certificate, gain_max=1.6).verify()
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "text"),
+    [
+        ("stiffness", 31.0, "stiffness and rate = (31.0, 18.0): must be (30.0, 18.0), the lower row of the block of P"),
+        ("rate", 17.0, "stiffness and rate = (30.0, 17.0): must be (30.0, 18.0)"),
+        ("period", 0.01, "period of the flight section = 0.02 s: must be 0.01, that of the law"),
+        ("lag", 0.1, "loop is missing"),
+    ],
+)
+def test_a_section_of_another_loop_is_refused(
+    certificate: Certificate, flight: Flight, key: str, value: float, text: str
+) -> None:
+    design = replace(flight.horizontal.design, **({key: value} if key in ("stiffness", "rate") else {}))
+    other = replace(flight, horizontal=replace(flight.horizontal, design=design))
+    with pytest.raises(FlatsatError) as refused:
+        replace(certificate, flight=other, **({key: value} if key in ("period", "lag") else {}))
+    assert text in str(refused.value)
+
+
+def test_starts_within_the_certified_distance_use_no_more_than_the_room(flight: Flight) -> None:
+    room = flight.margin - flight.disturbance
+    room -= math.hypot(flight.horizontal.tube.disturbance, flight.vertical.tube.disturbance)
+    for start, axis, other in zip(flight.certified_start(), flight.axes, flight.axes[::-1], strict=True):
+        assert start > 0.0
+        assert math.hypot(axis.tube.nominal + axis.back.nominal * start, other.tube.nominal) == pytest.approx(room)
+    assert replace(flight, margin=0.5).certified_start()[0] < 0.0
+
+
+def test_a_disturbance_that_leaves_no_room_is_refused(certificate: Certificate, flight: Flight) -> None:
+    with pytest.raises(FlatsatError, match="every applied gain is at least 1' fails by"):
+        replace(certificate, flight=replace(flight, disturbance=1.5)).verify()
+    with pytest.raises(FlatsatError, match="margin is one that a hovering drone has' fails by"):
+        replace(certificate, flight=replace(flight, margin=4.0)).verify()
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda d: d.update(more=1), "flight: unknown key 'more'"),
+        (lambda d: d.pop("vertical"), "flight: key 'vertical' is missing"),
+        (lambda d: d["horizontal"].pop("lead"), "lead"),
+        (lambda d: d["horizontal"]["low"].update(mass=1.0), "mass"),
+        (lambda d: d["horizontal"].update(lag_varies=1), "flight.horizontal.lag_varies = 1: must be true or false"),
+        (
+            lambda d: d["horizontal"].update(cuts=[""]),
+            "flight.horizontal.cuts = ['']: must be names of figures and '-'",
+        ),
+        (
+            lambda d: d["horizontal"].update(observer=0.3),
+            "flight.horizontal.observer = 0.3: must be a list of three gains",
+        ),
+        (lambda d: d["horizontal"].update(observer=[0.3, 1.0]), "observer = (0.3, 1.0): must be three gains"),
+        (
+            lambda d: d["vertical"]["tube"].update(position=0.0),
+            "flight.vertical.tube.position = 0.0: must be a number above 0",
+        ),
+        (lambda d: d.update(gain_min=-1.0), "gain_min = -1.0: must be a number above 0"),
+        (lambda d: d["assumptions"].update(pose_age=-1.0), "pose_age = -1.0 s: must be a number from 0"),
+    ],
+)
+def test_other_forms_are_refused(certificate: Certificate, change: Callable[[Any], Any], text: str) -> None:
+    document = copy.deepcopy(certificate.to_document())
+    change(document["flight"])
+    with pytest.raises(FlatsatError) as refused:
+        Certificate.from_document(document)
+    assert text in str(refused.value)
+
+
+def test_a_file_of_version_1_has_no_flight_section_and_one_of_version_2_has(certificate: Certificate) -> None:
+    document = certificate.to_document()
+    assert document["flatsat_certificate"] == 2
+    with pytest.raises(FlatsatError, match="unknown key 'flight'"):
+        Certificate.from_document(document | {"flatsat_certificate": 1})
+    del document["flight"]
+    with pytest.raises(FlatsatError, match="key 'flight' is missing"):
+        Certificate.from_document(document)
+    assert replace(certificate, flight=None).to_document()["flatsat_certificate"] == 1
+
+
+def test_cuts_must_make_cells_of_all_of_the_box(certificate: Certificate) -> None:
+    document = copy.deepcopy(certificate.to_document())
+    document["flight"]["horizontal"]["cuts"] = "lag -"
+    with pytest.raises(FlatsatError, match="number of cuts = 2: must be more, 1 parts are left"):
+        Certificate.from_document(document).verify()
