@@ -27,6 +27,7 @@ _FLOAT_MAX = float(np.finfo(np.float32).max)
 _RADIO = re.compile(
     r"radio://(?P<dongle>\w+)/(?P<channel>\d{1,3})(/(?P<rate>250K|1M|2M))?(/(?P<address>[0-9A-F]{2,10}))?"
 )
+_LIMIT = re.compile(r"[1-9][0-9]{0,5}")  # packets per second
 _UDP = re.compile(r"udp://(?P<host>[\w.-]+):(?P<port>\d{1,5})")
 
 
@@ -39,11 +40,13 @@ class Address:
         transport: name of what the drone's packets pass through: the dongle, which several drones may share, or over
             UDP the connection of this drone alone.
         drone: name of the drone itself: the same however its URI is written and whatever the dongle.
+        ignored: names of its options that cflib does not know, and crazyswarm2's cpp back end may.
     """
 
     uri: str
     transport: str
     drone: str
+    ignored: tuple[str, ...] = ()
 
     @classmethod
     def parse(cls, uri: str) -> Address:
@@ -51,21 +54,27 @@ class Address:
 
         Args:
             uri: radio://dongle/channel/rate/address, where rate (2M) and address (E7E7E7E7E7) may be left out, or
-                udp://host:port.
+                udp://host:port; either may end with options, ?rate_limit=100&safelink=0.
 
         Raises:
-            FlatsatError: it is neither.
+            FlatsatError: it is neither, or what cflib would take of it is not valid.
         """
-        plain = uri.partition("?")[0]
+        plain, _, query = uri.partition("?")
+        if plain.lower().startswith("radio://*"):
+            raise refusal("URI", uri, "", "radio://0/... for the first dongle: any of them, *, is not known to cflib")
+        options = dict(option.partition("=")[::2] for option in query.split("&") if option)
+        limit = options.pop("rate_limit", "1")
+        require(bool(_LIMIT.fullmatch(limit)), f"rate_limit of {quoted(uri)}", limit, "", "a whole number above 0")
+        ignored = tuple(options)
         if found := _RADIO.fullmatch("radio" + plain[5:].upper() if plain.lower().startswith("radio") else ""):
             channel, rate, address = int(found["channel"]), found["rate"] or "2M", found["address"] or "E7E7E7E7E7"
             require(channel <= 125, f"channel of {quoted(uri)}", channel, "", "from 0 to 125")
-            return cls(uri, f"radio {found['dongle']}", f"radio {channel} {rate} {address:0>10}")
+            return cls(uri, f"radio {found['dongle']}", f"radio {channel} {rate} {address:0>10}", ignored)
         if found := _UDP.fullmatch(plain):
             port = int(found["port"])
             require(0 < port < 65536, f"port of {quoted(uri)}", port, "", "from 1 to 65535")
             host = found["host"].lower().replace("localhost", "127.0.0.1")
-            return cls(uri, f"udp {host} {port}", f"udp {host} {port}")
+            return cls(uri, f"udp {host} {port}", f"udp {host} {port}", ignored)
         valid = "radio://dongle/channel/rate/address, as in radio://0/80/2M/E7E7E7E701, or udp://host:port"
         raise refusal("URI", uri, "", valid)
 

@@ -22,6 +22,7 @@ from std_srvs.srv import Empty
 
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError, refusal
+from flatsat_ros.base.files import located
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot
 from flatsat_ros.crazyflie.link import (
     Address,
@@ -125,7 +126,11 @@ class CflibBridge(ProgramNode):
         self.spin_while(lambda: any(link.alive for link in self.links))
 
     def _addresses(self, robots: Sequence[Robot]) -> list[Address]:
-        # where simulators of the firmware listen, unless the user's file says better
+        # where simulators of the firmware listen, unless the user's file says better; to a file nothing is added
+        file = str(self.get_parameter("crazyflies_yaml").value)
+        if file and not all(robot.uri for robot in robots) and "uris" not in self._parameter_overrides:
+            missing = next(robot.name for robot in robots if not robot.uri)
+            raise located(file, f"robots.{missing} has no uri: must have one, or parameter uris gives those of all")
         default = [robot.uri or f"udp://127.0.0.1:{19850 + index}" for index, robot in enumerate(robots)]
         uris = declare(self, "uris", default, "URI of every drone in turn: radio://0/80/2M/E7E7E7E701, udp://host:port")
         if len(uris) != len(self.robots):
@@ -134,6 +139,8 @@ class CflibBridge(ProgramNode):
         for index, address in enumerate(addresses):
             if address.drone in [other.drone for other in addresses[:index]]:
                 raise refusal("URI", address.uri, "", "given once: each drone has its own")
+            if address.ignored:
+                self.get_logger().warning(f"{address.uri}: cflib does not know {', '.join(address.ignored)}: ignored")
         return addresses
 
     def _shutdown_sequences(self) -> dict[str, ShutdownSequence]:

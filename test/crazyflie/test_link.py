@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections import defaultdict
 
 import pytest
@@ -53,13 +54,20 @@ def test_a_dongle_is_shared_and_a_udp_connection_is_not() -> None:
     assert len(set(transports)) == 4
 
 
+def test_options_that_cflib_does_not_know_are_named() -> None:
+    assert Address.parse("radio://0/80?safelink=0&rate_limit=100&autoping=1").ignored == ("safelink", "autoping")
+    with pytest.raises(FlatsatError, match=r"must be radio://0/\.\.\. for the first dongle"):
+        Address.parse("radio://*/80/2M/E7E7E7E701")
+
+
 @pytest.mark.parametrize(
     "uri",
     ["", "radio", "radio://0", "radio://0/126", "radio://0/80/3M", "radio://0/80/2M/XY", "udp://a", "udp://a:0",
-     "udp://a:65536", "usb://0", "udp://a:1/b"],
+     "udp://a:65536", "usb://0", "udp://a:1/b", "radio://0/80?rate_limit=0", "radio://0/80?rate_limit=x&safelink=0",
+     "radio://*/80/2M/E7E7E7E701"],
 )  # fmt: skip
 def test_what_is_no_uri_is_refused_by_name(uri: str) -> None:
-    with pytest.raises(FlatsatError, match=f"'{uri}'"):
+    with pytest.raises(FlatsatError, match=re.escape(f"'{uri}'")):
         Address.parse(uri)
 
 

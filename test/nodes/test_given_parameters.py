@@ -12,6 +12,7 @@ import rclpy
 import yaml
 from rclpy.parameter import Parameter, parameter_value_to_python
 
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.identification.recording import COLUMNS
 from flatsat_ros.nodes.calibrate_hover import CalibrateHover
 from flatsat_ros.nodes.cflib_bridge import CflibBridge
@@ -163,3 +164,30 @@ def test_null_stands_for_an_unset_value_and_other_words_do_not(
     for word in ("none", "[]", "1"):
         assert run(ControllerNode, given(robots__cf1__mu=word)) == 2
         assert "parameter robots.cf1.mu = " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("robots", "node", "complaint"),
+    [
+        ("{cf-1: {}}", SimDrone, r"robot name = 'cf-1': must be letters, digits and underscores, the first a letter"),
+        ("{1cf: {}}", SimDrone, r"robot name = '1cf': must be letters, .* as ROS wants names of topics"),
+        ("{all: {}}", SimDrone, r"robot name = 'all': must be another"),
+        pytest.param("{cf1: {}, cf2: {}}", CflibBridge, r"robots\.cf1 has no uri: must have one", marks=NEEDS_CFLIB),
+    ],
+)
+def test_robots_of_a_file_that_cannot_be_linked_are_refused_with_its_name(
+    started: Callable[..., Any], tmp_path: Path, robots: str, node: type[ProgramNode], complaint: str
+) -> None:
+    file = tmp_path / "crazyflies.yaml"
+    file.write_text(f"fileversion: 3\nrobots: {robots}\n", encoding="utf-8")
+    with pytest.raises(FlatsatError, match=rf"crazyflies\.yaml: {complaint}"):
+        started(node, given(crazyflies_yaml=file))
+
+
+def test_a_person_who_is_tracked_beside_the_drones_is_not_flown(started: Callable[..., Any], tmp_path: Path) -> None:
+    file = tmp_path / "crazyflies.yaml"
+    file.write_text(
+        "robots: {cf1: {type: cf21}, visitor: {type: marker}}\nrobot_types: {cf21: {}, marker: {connection: none}}\n",
+        encoding="utf-8",
+    )
+    assert started(ControllerNode, given(crazyflies_yaml=file)).robots == ["cf1"]

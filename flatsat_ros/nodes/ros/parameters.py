@@ -12,6 +12,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from flatsat_ros.base.errors import FlatsatError, quoted, refusal
+from flatsat_ros.base.files import located
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot, read_crazyflies
 from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
 from flatsat_ros.crazyflie.wire import YawMode
@@ -130,10 +131,14 @@ def declare_robots(node: Node) -> list[Robot]:
     """
     names = declare(node, "robot_names", ["cf1"], "names of the drones, the prefix of their topics")
     path = declare(node, "crazyflies_yaml", "", "crazyswarm2's crazyflies.yaml: its enabled robots replace robot_names")
-    robots = (
-        read_crazyflies(path) if path else [Robot(name, "", (float(i), 0.0, 0.0), "") for i, name in enumerate(names)]
-    )
-    require_robot_names([robot.name for robot in robots])
+    if not path:
+        require_robot_names(names)
+        return [Robot(name, "", (float(i), 0.0, 0.0), "") for i, name in enumerate(names)]
+    robots = read_crazyflies(path, node.get_logger().info)
+    try:
+        require_robot_names([robot.name for robot in robots])
+    except FlatsatError as error:
+        raise located(path, error) from error
     return robots
 
 
@@ -198,7 +203,12 @@ def require_robot_names(names: Sequence[str]) -> None:
     for name in names:
         plain = name.replace("_", "a")
         if not (plain.isascii() and plain.isalnum() and not plain[0].isdigit()):
-            raise refusal("robot name", name, "", "letters, digits and underscores, the first a letter")
+            raise refusal(
+                "robot name",
+                name,
+                "",
+                "letters, digits and underscores, the first a letter, as ROS wants names of topics",
+            )
     if "all" in names:
         raise refusal("robot name", "all", "", "another: this one stands for all robots")
     twice = sorted({name for name in names if names.count(name) > 1})

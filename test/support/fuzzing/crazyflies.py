@@ -22,9 +22,11 @@ robots:
     firmware_params: {stabilizer: {controller: 1}}
   cf5: {enabled: false, uri: radio://0/80/2M/E7E7E7E705, initial_position: [0, 0, 0], type: cf21}
   cf6: {uri: "udp://127.0.0.1:19850", type: cf21}
-  cf7: {uri: null, type: null}
+  cf7: {uri: "radio://*/90/1M?safelink=0", type: null}
+  visitor: {enabled: true, initial_position: [1, 1, 0], type: person}
 robot_types:
   cf21: {motion_capture: {tracking: librigidbodytracker}}
+  person: {connection: none}
 all: {firmware_logging: {enabled: true}}
 """
 
