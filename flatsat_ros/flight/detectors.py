@@ -43,6 +43,8 @@ _TURNED = 2.0
 _EXPLAINED = 0.5
 # of that this much, (m/s)^2 s, is not asked: noise of 0.5 mm in the poses brings it alone
 _NOISE = 4e-4
+# an axis is taken for mirrored by a correlation of minus this much with what is commanded
+_MIRRORED = 0.3
 # A gust that begins looks like a wrong sign until commands counter it; a wrong sign stays one for longer than this, s.
 _WRONG_TIME = 0.31
 
@@ -311,6 +313,22 @@ class AstrayDetector:
         turned &= np.abs(across) > _TURNED * along.sum(axis=0)
         self._wrong = np.where(turned | negated.any(axis=0), self._wrong + self._period, 0.0)
         return np.asarray(self._wrong > _WRONG_TIME)
+
+    def answer(self, index: int) -> FloatArray | None:
+        """Return what comes of what is commanded to drone index along its body's axes, (2, 2); None if unknown.
+
+        It is a turn about the vertical, or the sign of each axis.
+        """
+        size, along, total, across = self._sums[0:2], self._sums[2:4], self._sums[4:6], self._sums[6]
+        size, along, total, across = size[:, index], along[:, index], total[:, index], float(across[index])
+        straight = float(along.sum())
+        whole = np.array([size.sum(), math.hypot(straight, across), total.sum()])
+        if not (_explained(size, along, total).any() or _explained(*whole)):
+            return None
+        if whole[1] > np.abs(along).sum():  # what is turned; along the axes it would be less
+            cos, sin = straight / float(whole[1]), across / float(whole[1])
+            return np.array([[cos, -sin], [sin, cos]])
+        return np.diag(np.where(along < -_MIRRORED * np.sqrt(size * total), -1.0, 1.0))
 
     def _changed(self, past: FloatArray) -> FloatArray:
         """Return how much more a quantity changed over the last window than over the one before, (N, 2)."""

@@ -80,7 +80,8 @@ class Estimator:
             index: which drone.
             stamp: when it was measured, s.
             position: (3,) m, world frame.
-            quaternion: (4,) x, y, z, w, body -> world. One that is NaN or not of unit length leaves the yaw as it is.
+            quaternion: (4,) x, y, z, w, body -> world. One that is NaN, not of unit length or, in the air, turned at
+                once leaves the yaw as it is.
             now: the present, when it is taken in, s.
 
         Returns:
@@ -106,6 +107,10 @@ class Estimator:
         attitude = yaw_and_tilt(quaternion)
         if attitude is None:
             self._screen.note_orientation(index, now)
+            return True
+        turn = math.remainder(attitude[0] - float(self.yaw[index]), 2.0 * math.pi)
+        if self._aloft[index] and self.tilt[index] >= 0.0 and self._screen.spins(turn, stamp - self.oriented[index]):
+            self._screen.note_turn(index, turn, now)
             return True
         self.yaw[index], self.tilt[index] = attitude
         self.oriented[index] = stamp

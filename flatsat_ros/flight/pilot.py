@@ -26,6 +26,7 @@ from flatsat_ros.flight.traffic import Traffic
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.flight.yaw import YawControl
 from flatsat_ros.law.controller import Memory, Output
+from flatsat_ros.law.flatness import input_from_acceleration
 from flatsat_ros.law.gain import Tuning
 
 # of a reference's margin, this much at most may be spent on a disturbance; the rest is left to steer with
@@ -304,12 +305,15 @@ class Pilot:
                 self._reports.append(Report(index, "its orientation is not seen and yaw_source is measured: it lands"))
         yaw_rate = self._yaw.turn(self.estimator.yaw, references.yaw, turned, kept)
         command, acceleration = self._command(now, output, flying, level)
+        commanded = acceleration  # as far as the yaw is right
+        if np.count_nonzero(self._senses.braking.active):
+            commanded = self._brake(command, acceleration, level & usable)
 
         margin = references.margin - spent
         fixed = references.at_rest & (spent == 0.0)
         assessment = self._monitor.assess(output.error, margin, fixed)
         self._monitor.follow(acceleration - np.where(flying[:, np.newaxis], base[:, 6:], 0.0))
-        free = self._senses.note(acceleration, estimated, self.estimator.yaw, flying, self._guidance.landing)
+        free = self._senses.note(commanded, estimated, self.estimator.yaw, flying, self._guidance.landing)
         if self._policy.goal_mode is GoalMode.PATH:  # steps take a drone to its limit by themselves
             for index in self._senses.at_limit(now, base, estimate, output.error, self._guidance.landing):
                 if flying[index]:
@@ -376,6 +380,24 @@ class Pilot:
             command[level, 0] = thrust[level]
             acceleration[level, 2] = thrust[level] - self.certificate.limits.gravity
         return command, acceleration
+
+    def _brake(self, command: FloatArray, acceleration: FloatArray, sinking: np.ndarray) -> FloatArray:
+        """Let drones brake that sink because they do not move as commanded, see `flight.braking`.
+
+        Args:
+            command: (N, 3) input, which is changed.
+            acceleration: (N, 3) that shall come, m/s^2, which is changed.
+            sinking: (N,) who sinks and has a known velocity.
+
+        Returns:
+            (N, 3) m/s^2 that is commanded for it.
+        """
+        yaw = self.estimator.yaw
+        who, wanted, asked = self._senses.braking.accelerations(self._state[:, 3:5], yaw, sinking)
+        commanded = acceleration.copy()
+        acceleration[who, :2], commanded[who, :2] = wanted, asked
+        command[who] = input_from_acceleration(commanded[who], yaw[who], self.certificate.limits.gravity)
+        return commanded
 
     def last_command(self, index: int) -> Command | None:
         """Return what to leave behind with drone index on shutdown: level and sinking in the air, else zero thrust.

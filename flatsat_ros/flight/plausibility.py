@@ -23,6 +23,9 @@ _FARTHEST = 1e4
 _REPEATED = ((0.15, 0.05), (0.6, 1e-3))
 # one that moves faster than this, m/s, is never twice in the same place
 _MOVES = 0.05
+# an orientation in the air that has turned about the vertical by this, rad, and this rate, rad/s, and in any time by
+# the third angle, rad, is not of this body any more: markers are taken for one another
+_TURN, _TURN_RATE, _TURN_MOST = 0.5, 2.0, 1.0
 # a refusal of the same kind within this time, s, is the same event
 _SAME_EVENT = 1.0
 # a quaternion's norm may differ from 1 by this much
@@ -117,6 +120,16 @@ class PoseScreen:
     def note_orientation(self, index: int, now: float) -> None:
         """Remember to tell about an orientation that is NaN or not of unit length."""
         self._tell(index, "ORIENTATION", "poses without a valid orientation: its yaw is not seen", now)
+
+    @staticmethod
+    def spins(turn: float, elapsed: float) -> bool:
+        """Tell whether an orientation has turned about the vertical as no drone does, rad within s."""
+        return abs(turn) > min(_TURN + _TURN_RATE * elapsed, _TURN_MOST)
+
+    def note_turn(self, index: int, turn: float, now: float) -> None:
+        """Remember to tell about an orientation that has turned by an angle, rad, at once."""
+        text = f"poses that turn by {math.degrees(turn):.0f} deg at once in flight: its yaw is kept as it was"
+        self._tell(index, "TURN", text, now)
 
     def _tell(self, index: int, kind: str, text: str, now: float) -> None:
         if not 0.0 <= now - self._told.get((index, kind), -math.inf) < _SAME_EVENT:

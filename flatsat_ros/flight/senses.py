@@ -6,6 +6,7 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.flight.braking import Braking
 from flatsat_ros.flight.descent import BlindDescent
 from flatsat_ros.flight.detectors import (
     AstrayDetector,
@@ -43,12 +44,14 @@ class Senses:
     Attributes:
         thrust: scales of the thrust.
         descent: of drones without poses.
+        braking: of drones that sink because they do not move as commanded.
     """
 
     def __init__(self, certificate: Certificate, policy: Policy, count: int) -> None:
         gravity = certificate.limits.gravity
         self.thrust = ThrustScale(count, policy.thrust_error_max)
         self.descent = BlindDescent(gravity, policy.drag, policy.level_thrust, count)
+        self.braking = Braking(certificate.limits, count)
         self._every = max(1, round(_LOOK / certificate.period))  # ticks from look to look
         self._tick, self._period = certificate.period, self._every * certificate.period
         self._ticks = 0
@@ -140,7 +143,11 @@ class Senses:
         lifting = flying & standing & (acceleration[:, 2] >= _LIFTING) & (climb < _LIFTING_SLOW)
         learning = flying & ~(standing & self._unlocked) & (high | ~landing)
         self.thrust.learn(acceleration[:, 2] + self._gravity, disturbance[:, 2], learning, lifting, self._period)
-        self._gone_astray = self._gone_astray | self._astray.astray(self._push[:, :2], estimated[:, 3:5], yaw, free)
+        # what carries a drone lets nothing come of its commands, which is not taken for a wrong sign
+        judged = (flying & ~standing) | self.braking.active
+        self._gone_astray = self._gone_astray | self._astray.astray(self._push[:, :2], estimated[:, 3:5], yaw, judged)
+        for index in map(int, np.flatnonzero(self.braking.active)):
+            self.braking.learn(index, self._astray.answer(index))
         self._lift += (self._period / _LIFT_TIME) * np.where(high, disturbance[:, 2] - self._lift, 0.0)
         self._push, self._free = np.zeros_like(self._push), free
         return self._free
@@ -218,11 +225,15 @@ class Senses:
         height = float(estimated[2])
         if after is Mode.LEVEL or (after is Mode.DESCEND and before is Mode.FLY):
             lift = float(self._lift[index]) if self.thrust.is_settled(index) else None
-            if self._lift_off.slid[index]:
-                height += self._lift_off.moved(index, estimated[:3])  # that may be its height
-            self.descent.begin(index, now, height - float(guidance.ground[index]), float(estimated[5]), lift)
+            climb = float(estimated[5])
+            if self._lift_off.slid[index]:  # that may be its height, and its speed the climb rate
+                height += self._lift_off.moved(index, estimated[:3])
+                climb = float(np.linalg.norm(estimated[3:6]))
+            self.descent.begin(index, now, height - float(guidance.ground[index]), climb, lift)
+            answer = self._astray.answer(index) if after is Mode.DESCEND and self._gone_astray[index] else None
+            self.braking.begin(index, answer, estimated[3:5])
         if after in (Mode.CUT, Mode.REST, Mode.FALLEN, Mode.IDLE):
-            self._gone_astray[index] = self._blown[index] = False
+            self._gone_astray[index] = self._blown[index] = self.braking.active[index] = False
         if after is Mode.FALLEN or (before is Mode.FLY and after is Mode.UNLOCK):
             self.thrust.forget(index)
         if before is Mode.IDLE and after is Mode.FLY:

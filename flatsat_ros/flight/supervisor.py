@@ -139,7 +139,7 @@ class Event(Enum):
         "told to climb, but it did not leave the ground after a second unlocking: motors stopped until armed again"
     )
     FELL = "it falls or lies still against the command: motors stopped until armed"
-    ASTRAY = "it does not move as commanded: it sinks without position"
+    ASTRAY = "it does not move as commanded: it brakes by what was seen of that, and sinks"
     LEVEL_TIME_OVER = "still no pose: it sinks without position"
     DESCENDED = "it has sunk for as long as its last known height needs: motors stopped"
     RESTED = "rested after the landing"

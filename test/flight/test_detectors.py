@@ -29,6 +29,13 @@ def first_astray(answer: np.ndarray, phases: list[float], *, yaw: float = 0.0, g
     It is told to sway along both axes, and answers with answer (2, 2) times that, late, and with what a gust,
     m/s^2, adds.
     """
+    return swaying(answer, phases, yaw=yaw, gust=gust)[0]
+
+
+def swaying(
+    answer: np.ndarray, phases: list[float], *, yaw: float = 0.0, gust: float = 0.0
+) -> tuple[float, np.ndarray | None]:
+    """Time as `first_astray` returns it, and what was then seen of the answer along the body's axes."""
     random, detector = np.random.default_rng(1), AstrayDetector(1, LOOK, LATE)
     velocity, told, gusts = np.zeros(2), [], 0.0
     for n in range(round(6.0 / LOOK)):
@@ -40,8 +47,8 @@ def first_astray(answer: np.ndarray, phases: list[float], *, yaw: float = 0.0, g
         velocity = velocity + LOOK * (came + gusts)
         push = LOOK * told[-1][np.newaxis]
         if detector.astray(push, velocity[np.newaxis] + random.normal(0.0, 2e-3, (1, 2)), np.array([yaw]), ON)[0]:
-            return t
-    return math.inf
+            return t, detector.answer(0)
+    return math.inf, detector.answer(0)
 
 
 def turned(degrees: float) -> np.ndarray:
@@ -75,6 +82,39 @@ def test_an_axis_of_the_body_with_the_wrong_sign_is_noticed_at_every_yaw(
     negated = body @ np.diag([-1.0 if i == axis else 1.0 for i in (0, 1)]) @ body.T
     if told:  # both axes are asked for something of their own
         assert first_astray(negated, phases, yaw=yaw) < 4.0
+
+
+@given(
+    degrees=st.floats(80.0, 280.0),
+    mirrored=st.booleans(),
+    axis=st.integers(0, 1),
+    yaw=YAWS,
+    phases=PHASES,
+    gust=st.floats(0.0, 0.3),
+)
+@settings(max_examples=25)
+def test_what_is_seen_of_the_answer_is_good_enough_to_brake_with(
+    degrees: float, mirrored: bool, axis: int, yaw: float, phases: list[float], gust: float
+) -> None:
+    body = turned(math.degrees(yaw))
+    along = np.diag([-1.0 if i == axis else 1.0 for i in (0, 1)]) if mirrored else turned(degrees)
+    # of two axes that sway alike nobody can tell a turn from a mirror
+    if abs(math.sin(phases[0] - phases[1])) < 0.5 or abs(math.sin(phases[2] - phases[3])) < 0.5:
+        return
+    time, seen = swaying(body @ along @ body.T, phases, yaw=yaw, gust=gust)
+    assert time < 4.0
+    assert seen is not None
+    assert seen @ seen.T == pytest.approx(np.eye(2), abs=1e-9)
+    # what comes of a command that shall bring w is within 60 degrees of w, for every w
+    assert np.linalg.eigvalsh(along @ seen.T + seen @ along.T).min() > 2.0 * math.cos(math.radians(60.0))
+
+
+def test_of_a_drone_that_was_told_nothing_nothing_is_seen() -> None:
+    detector = AstrayDetector(1, LOOK, LATE)
+    assert detector.answer(0) is None
+    for _ in range(100):
+        detector.astray(np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1), ON)
+    assert detector.answer(0) is None
 
 
 def limited(seconds: float, error_rate: float, start: float = 1.0, *, landing: bool = False) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
@@ -312,6 +312,42 @@ def test_an_invalid_orientation_is_told_once_and_its_age_is_known() -> None:
     assert texts(estimator) == "poses without a valid orientation: its yaw is not seen"
     assert estimator.oriented[0] == pytest.approx(0.99)
     assert estimator.newest[0] == pytest.approx(1.99)
+
+
+def about_z(yaw: float) -> tuple[float, float, float, float]:
+    return (0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0))
+
+
+@given(turn=st.floats(1.01, math.pi), side=st.sampled_from([-1.0, 1.0]), gap=st.floats(0.004, 0.6))
+@settings(max_examples=20)
+def test_in_the_air_an_orientation_that_turns_at_once_leaves_the_yaw_until_it_is_back(
+    turn: float, side: float, gap: float
+) -> None:
+    for aloft in (True, False):
+        estimator = Estimator(1)
+        estimator.command(0.0, np.zeros((1, 3)), aloft=np.array([aloft]))
+        yaws, seen = [0.3, 0.3 + side * turn, 0.3 + side * turn, 0.35], []
+        for n, yaw in enumerate(yaws):
+            assert estimator.measure(0, gap * n, (0.0, 0.0, 1.0 + 0.001 * n), about_z(yaw), gap * n), "a position"
+            seen.append(float(estimator.yaw[0]))
+        kept = math.remainder(yaws[1], 2.0 * math.pi)
+        assert seen == pytest.approx([0.3, 0.3, 0.3, 0.35] if aloft else [0.3, kept, kept, 0.35])
+        told = texts(estimator)
+        assert told == (
+            f"poses that turn by {math.degrees(side * turn):.0f} deg at once in flight: its yaw is kept as it was"
+            if aloft
+            else ""
+        )
+
+
+@given(rate=st.floats(-2.0, 2.0), period=st.floats(0.004, 0.3))
+@settings(max_examples=20)
+def test_in_the_air_a_drone_may_turn(rate: float, period: float) -> None:
+    estimator = Estimator(1)
+    estimator.command(0.0, np.zeros((1, 3)), aloft=np.array([True]))
+    for n in range(20):
+        estimator.measure(0, period * n, (0.0, 0.0, 1.0 + 0.001 * n), about_z(rate * period * n), period * n)
+        assert math.cos(float(estimator.yaw[0]) - rate * period * n) == pytest.approx(1.0)
 
 
 def test_a_restart_forgets_everything_but_the_counters() -> None:

@@ -106,11 +106,12 @@ def modes(ticks: list[Tick]) -> list[Mode]:
     return [mode for mode, before in zip(sequence, [None, *sequence], strict=False) if mode is not before]
 
 
-def airborne(count: int = 1, policy: Policy = POLICY) -> World:
-    """Drones hovering at 1 m."""
+def airborne(count: int = 1, policy: Policy = POLICY, yaw: float = 0.0) -> World:
+    """Drones hovering at 1 m, with a yaw, rad."""
     world = World(count, start=(0.0, 0.0, 1.0), policy=policy)
+    world.yaw[:] = yaw
     for i in range(count):
-        world.pilot.set_reference(i, Trajectory.hold([0.0, 0.0, 1.0]))
+        world.pilot.set_reference(i, Trajectory.hold([0.0, 0.0, 1.0], yaw))
     world.fly(1.0)
     assert (world.pilot.mode == Mode.FLY).all()
     return world
@@ -151,9 +152,7 @@ def test_a_drone_in_the_air_is_taken_over_without_a_motor_cut() -> None:
 @given(goal=st.floats(-math.pi, math.pi), start=st.floats(-math.pi, math.pi))
 @settings(max_examples=20)
 def test_a_yaw_angle_goes_the_shorter_way_and_leads_the_drone_by_a_limited_angle(goal: float, start: float) -> None:
-    world = airborne()
-    world.yaw[:] = start
-    world.fly(0.3)
+    world = airborne(yaw=start)
     world.pilot.set_reference(0, Trajectory.hold([0.0, 0.0, 1.0], goal))
     for _ in range(40):
         (tick,) = world.fly(0.1)

@@ -70,14 +70,6 @@ class Judged(Protocol):
 _AIR = ("hover", "moving", "take-off", "swap")
 ACCEPTED: tuple[Accepted, ...] = (
     Accepted(
-        "yaw_off_90deg",
-        ("moving", "swap"),
-        "On the way it leaves its path by up to 2.5 m, near to others, until it is seen not to move as commanded, "
-        "and sinks.",
-        "Compare the yaw in motion capture with where the drone's front points before every first flight, and let a "
-        "drone hover alone before it moves.",
-    ),
-    Accepted(
         "wind_4",
         (*_AIR, "landing"),
         "Tilted by all that the certificate allows it does not hold its place against 4 m/s: it drifts up to 3 m "

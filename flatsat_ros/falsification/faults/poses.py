@@ -20,9 +20,6 @@ _DOWN = Bounds(End.DOWN, told=_POSE)
 _SAFE = Bounds(End.SAFE, told=_POSE)
 # a wrong sign is noticed within 0.3 m of a hover; the rest is the way to the floor
 _WRONG = Bounds(End.SAFE, told=r"pose|yaw|axis|sign|command|innovation|predict")
-_WRONG_EARLY = {Phase.TAKE_OFF: replace(_WRONG, impact=1.5)}  # before the thrust has been learnt, as for lost poses
-# a landing may be over before the drone has moved so far that it is noticed
-_WRONG_YAW = {**_WRONG_EARLY, Phase.LANDING: replace(_WRONG, told="")}
 _NO_TAKE_OFF = Bounds(End.GROUNDED, told=r"orientation|yaw")
 
 
@@ -40,14 +37,13 @@ def _loss(seconds: float, bounds: Bounds, victims: tuple[int, ...] = ONE, height
     whose = "one drone" if victims is ONE else "all drones"
     name = f"poses_lost_{seconds:g}s{'' if victims is ONE else '_all'}{'' if height == 1.0 else f'_{height:g}m'}"
     above = "" if height == 1.0 else f", {height:g} m above the floor"
-    sinks = seconds >= 1.0 and bounds.end is End.DONE
     return Fault(
         name,
         f"no pose of {whose} for {seconds:g} s{above}",
         _for(seconds, _lost, victims),
         bounds,
-        # before the thrust has been learnt: low rather than high; who has met the floor so early stays there
-        {Phase.TAKE_OFF: replace(bounds, end=End.SAFE if sinks else bounds.end, impact=max(bounds.impact, 1.5))},
+        # before the thrust has been learnt: low rather than high
+        {Phase.TAKE_OFF: replace(bounds, impact=max(bounds.impact, 1.5))},
         victims=victims,
         height=height,
         watched=10.0 if seconds < 10.0 else 3.0,
@@ -161,7 +157,6 @@ POSE_FAULTS = (
         "orientations are 180 degrees off about z",
         lambda _: faults.turned(math.pi),
         _WRONG,
-        special=_WRONG_YAW,
         since_take_off=EARLY,
     ),
     _lasting(
@@ -169,7 +164,6 @@ POSE_FAULTS = (
         "orientations are 90 degrees off about z",
         lambda _: faults.turned(math.pi / 2.0),
         _WRONG,
-        special=_WRONG_YAW,
         since_take_off=EARLY,
     ),
     _lasting(
@@ -177,7 +171,6 @@ POSE_FAULTS = (
         "motion capture's y points up",
         lambda _: faults.y_up(),
         _WRONG,
-        special=_WRONG_EARLY,
         since_take_off=EARLY,
     ),
     _lasting(

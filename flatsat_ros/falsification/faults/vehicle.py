@@ -188,11 +188,6 @@ VEHICLE_FAULTS = (
         "the pitch has the sign of the other back end",
         ((0.0, commands(lambda _: faults.pitch_negated(0))),),
         Bounds(End.SAFE, told=r"pitch|axis|sign|command|innovation|predict|yaw"),
-        {
-            # before the thrust has been learnt, as for lost poses
-            Phase.TAKE_OFF: Bounds(End.SAFE, impact=1.5, told=r"pitch|axis|sign|command|innovation|predict|yaw"),
-            Phase.LANDING: Bounds(End.SAFE),  # it may be over before anything is noticed
-        },
         since_take_off=EARLY,
     ),
 )  # fmt: skip
