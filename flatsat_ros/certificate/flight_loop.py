@@ -268,6 +268,11 @@ class FlightLoop:
         return np.asarray(-self.design.stiffness * position - self.design.rate * velocity)
 
     @property
+    def moved(self) -> FloatArray:
+        """Rows (x, n + 1) of the plant's state a period later, from (z, c_0)."""
+        return self._step[0][: self.plant.size]
+
+    @property
     def estimate(self) -> FloatArray:
         """Rows (y, n + 1) of the nominal plant's state before the correction, a period later, from (z, c_0)."""
         return self._step[0][self.plant.size : self._error]
