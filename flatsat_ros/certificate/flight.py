@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
+from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import refusal, require, require_fields, require_not_negative, require_positive
 from flatsat_ros.base.strict_yaml import section
 from flatsat_ros.certificate.flight_cell import Box
@@ -157,6 +158,20 @@ class Flight:
     def axes(self) -> tuple[Axis, Axis]:
         """Of x and y, and of z."""
         return self.horizontal, self.vertical
+
+    def demanded(self, demand: FloatArray, margin: float) -> float:
+        """Return what a reference asks for over what is assumed, the largest ratio; at most 1 is kept.
+
+        Args:
+            demand: (3, 2) largest acceleration, jerk and snap, horizontal and vertical, m/s^2 and so on.
+            margin: of its acceleration in V_c, m/s^2.
+        """
+        assumed = self.assumptions
+        ratio = self.margin / margin
+        for asked, most in zip(demand.max(axis=1), (assumed.acceleration, assumed.jerk, assumed.snap), strict=True):
+            if asked > 0.0:
+                ratio = max(ratio, float(asked) / most if most > 0.0 else math.inf)
+        return ratio
 
     def certified_start(self) -> tuple[float, float]:
         """Return the largest distances |e(0)|, m, horizontal and vertical, each alone, from which a drone returns.

@@ -36,6 +36,7 @@ class Place(IntEnum):
     KAPPA = 1  # in the kappa-set of D for the smallest kappa that is certified
     LARGER = 2  # in D
     ELLIPSOID = 3  # in E
+    TUBE = 4  # in the tube of a flight section, which takes the place of all sets
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,6 +56,7 @@ class Estimator:
         yaw: (N,) psi, rad, from the last valid orientation; 0 before the first.
         tilt: (N,) angle of the body's z axis to the vertical, rad, likewise; NaN before the first.
         newest: (N,) stamp of the newest accepted measurement, -inf before the first.
+        measured: (N, 3) the position measured then, m.
         oriented: (N,) stamp of the newest valid orientation, -inf before the first.
         rejected: (N,) number of measurements refused so far.
     """
@@ -68,6 +69,7 @@ class Estimator:
         self.yaw = np.zeros(count)
         self.tilt = np.full(count, np.nan)
         self.newest = np.full(count, -np.inf)
+        self.measured = np.zeros((count, 3))
         self.oriented = np.full(count, -np.inf)
         self.rejected = np.zeros(count, dtype=int)
 
@@ -103,7 +105,7 @@ class Estimator:
             self._screen.complain(index, fault, now, amount)
             self.rejected[index] += 1
             return False
-        self.newest[index] = stamp
+        self.newest[index], self.measured[index] = stamp, position
         attitude = yaw_and_tilt(quaternion)
         if attitude is None:
             self._screen.note_orientation(index, now)

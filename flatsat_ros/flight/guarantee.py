@@ -16,16 +16,21 @@ class Assessment:
     """Where N drones are.
 
     Attributes:
-        relative_level: (N,) V over the level of the ellipsoid, at most 1 inside; W takes V's place with lag or delay.
+        relative_level: (N,) V over the level of the ellipsoid, at most 1 inside; W takes V's place with lag or delay,
+            and with a flight section the distance to the reference over the tube that of both.
         place: (N,) values of `certificate.sets.Place`: the smallest set around the state.
         kappa: (N,) lower bound of the applied gain, for set-points.
         guaranteed: (N,) whether the state provably never leaves its set again.
+        broken: (N,) values of `assumptions.Assumption`; None without a flight section.
+        tube: largest distances to the reference, horizontal and vertical, (2,), m; None without a flight section.
     """
 
     relative_level: FloatArray
     place: FloatArray
     kappa: FloatArray
     guaranteed: np.ndarray
+    broken: np.ndarray | None = None
+    tube: FloatArray | None = None
 
 
 class GuaranteeMonitor:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import refusal
+from flatsat_ros.certificate.flight import Flight
 from flatsat_ros.flight.path import Box, PathLimits, path_to
 from flatsat_ros.flight.references import References
 from flatsat_ros.flight.trajectory import Trajectory
@@ -47,7 +48,7 @@ class Guidance:
         changed: who got a new reference since somebody emptied this.
     """
 
-    def __init__(self, limits: InputSet, speed: float, box: Box, count: int) -> None:
+    def __init__(self, limits: InputSet, speed: float, box: Box, count: int, flight: Flight | None = None) -> None:
         """Begin without references.
 
         Args:
@@ -55,13 +56,17 @@ class Guidance:
             speed: largest speed of paths, m/s.
             box: room for goals, trajectories and paths.
             count: N.
+            flight: what is assumed of references, if anything; paths keep it.
         """
         self.references = References(count)
         self.landing = np.zeros(count, dtype=bool)
         self.ground = np.full(count, float(box.low[2]))
         self.changed: set[int] = set()
         self._limits = limits
-        self._path_limits = PathLimits.within(limits, speed)
+        self._flight = flight
+        self._path_limits = (
+            PathLimits.within(limits, speed) if flight is None else PathLimits.assumed(limits, speed, flight)
+        )
         self._box = box
         # what is below the floor stands on something
         self._lowest = np.array([*box.low[:2] - _TOLERATED, -math.inf])
@@ -263,5 +268,7 @@ class Guidance:
         return path_to(motion, goal, now, limits, box, float(self.references.yaw[index]), wait=wait)
 
     def _assign(self, index: int, trajectory: Trajectory) -> None:
-        self.references.assign(index, trajectory, trajectory.require_margin(self._limits))
+        margin = trajectory.require_margin(self._limits)
+        demand = 0.0 if self._flight is None else self._flight.demanded(trajectory.demand(), margin)
+        self.references.assign(index, trajectory, margin, demand)
         self.changed.add(index)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.certificate.flight_certificate import Axis
+from flatsat_ros.certificate.flight import Axis
 from flatsat_ros.certificate.flight_loop import FlightLoop, Plant
 from flatsat_ros.certificate.flight_tube import Assumptions
 

@@ -23,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.certificate.flight import Flight
 from flatsat_ros.flight.trajectory import SIZE, Trajectory, quintic
 from flatsat_ros.law.input_set import InputSet
 
@@ -30,6 +31,9 @@ from flatsat_ros.law.input_set import InputSet
 _SHARE = 0.5
 # of that share, what the vertical part may use; the horizontal one gets what the input set then leaves
 _VERTICAL = 0.5
+
+# paths keep this share of what is assumed of references: their limits are looked at in points
+_KEPT = 0.97
 
 # durations that are tried, s
 _DURATIONS = 0.2 * 1.1 ** np.arange(90.0)
@@ -68,14 +72,33 @@ class PathLimits:
     snap: float = 20.0
 
     @classmethod
-    def within(cls, limits: InputSet, speed: float) -> PathLimits:
-        """Return limits that leave half of the input set's inner radius as margin everywhere on a path."""
+    def within(cls, limits: InputSet, speed: float, margin: float | None = None) -> PathLimits:
+        """Return limits that leave a margin everywhere on a path.
+
+        Args:
+            limits: V_c.
+            speed: m/s.
+            margin: m/s^2; None for half of the input set's inner radius.
+        """
         g, tilt = limits.gravity, limits.tilt_max
-        margin = (1.0 - _SHARE) * limits.inner_radius
-        vertical = _VERTICAL * _SHARE * limits.inner_radius
+        if margin is None:
+            margin = (1.0 - _SHARE) * limits.inner_radius
+        vertical = _VERTICAL * (limits.inner_radius - margin)
         cone = ((g - vertical) * math.sin(tilt) - margin) / math.cos(tilt)
         sphere = math.sqrt((limits.thrust_max - margin) ** 2 - (g + vertical) ** 2)
         return cls(min(cone, sphere), vertical, speed)
+
+    @classmethod
+    def assumed(cls, limits: InputSet, speed: float, flight: Flight) -> PathLimits:
+        """Return limits within what a flight section assumes of references."""
+        found, most = cls.within(limits, speed, flight.margin), flight.assumptions
+        return cls(
+            min(found.horizontal, _KEPT * most.acceleration),
+            min(found.vertical, _KEPT * most.acceleration),
+            speed,
+            _KEPT * most.jerk,
+            _KEPT * most.snap,
+        )
 
     def slower(self, speed: float) -> PathLimits:
         """Return the same limits with a speed, m/s, that is at most this."""

@@ -14,8 +14,8 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.flight.battery import Batteries, Charge, Limits
 from flatsat_ros.flight.clearance import Cause, Clearance
 from flatsat_ros.flight.estimator import Estimator
-from flatsat_ros.flight.guarantee import GuaranteeMonitor
 from flatsat_ros.flight.guidance import Guidance
+from flatsat_ros.flight.loops import DirectLoop, Loop, PredictedLoop
 from flatsat_ros.flight.orientation import Orientations
 from flatsat_ros.flight.policy import GoalMode, Policy
 from flatsat_ros.flight.senses import Senses
@@ -29,9 +29,6 @@ from flatsat_ros.law.controller import Memory, Output
 from flatsat_ros.law.flatness import input_from_acceleration
 from flatsat_ros.law.gain import Tuning
 
-# of a reference's margin, this much at most may be spent on a disturbance; the rest is left to steer with
-_COMPENSATED_SHARE = 0.5
-_TINY = 1e-300
 # a thrust of this share of T_max is at its limit
 _FULL = 0.98
 # s: after so long without a tick that is told; the firmware takes set-points for lost after 0.5 s
@@ -77,11 +74,17 @@ class Pilot:
         self._policy = policy
         self._orientations = Orientations(self.estimator, policy.yaw_source, count)
         self._supervisor = Supervisor(policy, count)
-        self._guidance = Guidance(certificate.limits, policy.speed_max, policy.box, count)
+        flight = certificate.flight
+        self._guidance = Guidance(certificate.limits, policy.speed_max, policy.box, count, flight)
         known_as = [f"drone {index}" for index in range(count)] if names is None else names
         self.traffic = Traffic(policy, self._guidance, self._supervisor, known_as, others)
         self._senses = Senses(certificate, policy, count)
-        self._monitor = GuaranteeMonitor(certificate, count)
+        references = self._guidance.references
+        self._loop: Loop = (
+            DirectLoop(certificate, policy, references, count)
+            if flight is None
+            else PredictedLoop(certificate, flight, policy, references, self.estimator)
+        )
         self._yaw = YawControl(count)
         self._steering = Steering(certificate, tuning, count)
         self._now = -np.inf  # of the last tick, as are the next ones
@@ -291,10 +294,8 @@ class Pilot:
             if flying[index]:
                 self._guidance.land(index, now)
                 self._reports.append(Report(index, f"{text}: it brakes and lands"))
-        disturbance, spent = self._compensate(estimate, flying)
-        base = reference.copy()
-        base[:, 6:] -= disturbance
-        output = self._steering.step(state, self.estimator.yaw, base, flying)
+        aim = self._loop.aim(now, estimated, reference, flying)
+        output = self._steering.step(aim.state, self.estimator.yaw, aim.base, flying)
         level = (self.mode == _LEVEL) | (self.mode == _DESCEND)
         turned, kept = flying, level
         unseen = self._orientations.unseen(now)
@@ -309,20 +310,23 @@ class Pilot:
         if np.count_nonzero(self._senses.braking.active):
             commanded = self._brake(command, acceleration, level & usable)
 
-        margin = references.margin - spent
-        fixed = references.at_rest & (spent == 0.0)
-        assessment = self._monitor.assess(output.error, margin, fixed)
-        self._monitor.follow(acceleration - np.where(flying[:, np.newaxis], base[:, 6:], 0.0))
+        assessment = self._loop.assess(output, acceleration, flying)
         free = self._senses.note(commanded, estimated, self.estimator.yaw, flying, self._guidance.landing)
         if self._policy.goal_mode is GoalMode.PATH:  # steps take a drone to its limit by themselves
-            for index in self._senses.at_limit(now, base, estimate, output.error, self._guidance.landing):
+            for index in self._senses.at_limit(now, aim.base, estimate, aim.error, self._guidance.landing):
                 if flying[index]:
                     self._guidance.land(index, now, state[index, :3])
+        for index in self._loop.astray():
+            if free[index] and not self._guidance.landing[index]:
+                self._guidance.land(index, now)
+                self._reports.append(
+                    Report(index, "it is where it cannot be if nothing is broken: it brakes and lands")
+                )
         self._full = command[:, 0] >= _FULL * self.certificate.limits.thrust_max
         changing = bool(transitions) or self._senses.looked
         aloft = level | (flying & ~self._senses.grounded) if changing else None
         self.estimator.command(now, acceleration, free, aloft)
-        told = self._senses.reports() + self.estimator.complaints()
+        told = self._senses.reports() + self.estimator.complaints() + self._loop.reports(free)
         reports, self._reports = self._reports + [Report(*entry) for entry in told], []
         return Tick(
             mode=self.mode.copy(),
@@ -331,7 +335,8 @@ class Pilot:
             yaw=self._yaw.heading,
             output=output,
             reference=reference,
-            disturbance=disturbance,
+            error=aim.error,
+            disturbance=aim.disturbance,
             thrust_scale=self._senses.thrust.cautious(flying),
             assessment=assessment,
             transitions=transitions,
@@ -410,10 +415,3 @@ class Pilot:
         thrust = self._policy.level_thrust * self.certificate.limits.gravity if mode in AIRBORNE else 0.0
         scale = float(self._senses.thrust.cautious(np.zeros(len(self.mode), dtype=bool))[index])
         return Command(thrust / scale, 0.0, 0.0, 0.0, float(self._yaw.heading[index]))
-
-    def _compensate(self, estimate: FloatArray, flying: np.ndarray) -> tuple[FloatArray, FloatArray]:
-        """Return the disturbances (N, 3), m/s^2, shortened to what the margins leave over, and their sizes."""
-        size = np.sqrt((estimate * estimate).sum(axis=1))
-        most = np.minimum(self._policy.disturbance_max, _COMPENSATED_SHARE * self._guidance.references.margin)
-        spent = np.where(flying, np.minimum(size, most), 0.0)
-        return estimate * (spent / np.maximum(size, _TINY))[:, np.newaxis], spent

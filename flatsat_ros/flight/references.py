@@ -44,6 +44,7 @@ class References:
     Attributes:
         yaw: (N,) psi to hold, rad.
         margin: (N,) distance of the trajectories' accelerations to the boundary of the input set, m/s^2.
+        demand: (N,) what the trajectories ask for, over what a flight section assumes; at most 1 is kept.
         at_rest: (N,) whether the reference stays where it is for good: a set-point, or a trajectory that has ended.
     """
 
@@ -51,15 +52,16 @@ class References:
         """Begin without any; until a drone gets one, its reference is the origin."""
         self.yaw = np.zeros(count)
         self.margin = np.full(count, np.inf)
+        self.demand = np.zeros(count)
         self._trajectories: list[Trajectory | None] = [None] * count
         self.at_rest = np.ones(count, dtype=bool)
         self._present = Cursor(count)  # the segments that are flown now
         self._cursors = [self._present]
         self._resting = np.zeros((count, 9))
 
-    def assign(self, index: int, trajectory: Trajectory, margin: float) -> None:
-        """Give drone index a new trajectory with its margin, m/s^2, in force from the next sample on."""
-        self.margin[index] = margin
+    def assign(self, index: int, trajectory: Trajectory, margin: float, demand: float = 0.0) -> None:
+        """Give drone index a new trajectory with its margin, m/s^2, and demand, in force from the next sample on."""
+        self.margin[index], self.demand[index] = margin, demand
         self._trajectories[index] = trajectory
         self.at_rest[index] = False
         for cursor in self._cursors:

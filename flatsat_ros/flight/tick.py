@@ -55,6 +55,7 @@ class Tick:
         yaw: (N,) commanded psi in [-pi, pi], rad, for drones that take an angle; it leads them by a limited angle.
         output: the law's output; it is the command in FLY only.
         reference: (N, 9) position, velocity, acceleration.
+        error: (N, 6) estimate less reference at the tick, m and m/s; the law may act on a prediction.
         disturbance: (N, 3) compensated disturbance, m/s^2, world frame.
         thrust_scale: (N,) estimated actual thrust over the thrust that is asked for.
         assessment: where the drones are in the certified sets; of meaning for drones in FLY only.
@@ -69,6 +70,7 @@ class Tick:
     yaw: FloatArray
     output: Output
     reference: FloatArray
+    error: FloatArray
     disturbance: FloatArray
     thrust_scale: FloatArray
     assessment: Assessment

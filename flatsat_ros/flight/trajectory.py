@@ -24,6 +24,9 @@ from flatsat_ros.law.input_set import InputSet
 # A trajectory must end at rest up to this speed (m/s) and acceleration (m/s^2): its last position is then held.
 _REST = 1e-3
 
+# A jerk that changes at once by no more than this, m/s^3, does not jump.
+_SMOOTH = 1e-3
+
 # Each segment's acceleration, a cubic, is bounded by the control points of this many pieces.
 _PIECES = 8
 
@@ -179,6 +182,34 @@ class Trajectory:
                     limits.nearest_limit(points[control, segment]),
                 )
         return tightest
+
+    def demand(self) -> FloatArray:
+        """Return upper bounds (3, 2) of acceleration, jerk and snap, m/s^2 and so on, horizontal and vertical.
+
+        Where the jerk jumps, also from rest at the beginning or to rest at the end, the snap is infinite.
+        """
+        found = np.zeros((3, 2))
+        span = np.diff(self.times)
+        if span.size == 0 or not self.coefficients[:, 2:].any():
+            return found
+        derivative = self.coefficients * np.power(span[:, np.newaxis], _POWERS)[..., np.newaxis]
+        for order in range(1, 5):
+            derivative = derivative[:, 1:] * np.arange(1.0, SIZE - order + 1.0)[:, np.newaxis] / span[:, None, None]
+            if order < 2:
+                continue
+            powers = derivative.transpose(1, 0, 2)
+            for left, right in itertools.pairwise(np.linspace(0.0, 1.0, _PIECES + 1)):
+                points = bernstein_coefficients(powers, float(left), float(right))
+                sizes = np.hypot(points[..., 0], points[..., 1]).max(), np.abs(points[..., 2]).max()
+                found[order - 2] = np.maximum(found[order - 2], sizes)
+            if order == 3:
+                begin, end = derivative[:, 0], derivative.sum(axis=1)
+                jumps = np.abs(np.concatenate([begin[1:], np.zeros((1, 3))]) - end)
+                if not self.coefficients[0, 1:3].any():  # it sets out from rest, not from an earlier path's motion
+                    jumps = np.concatenate([np.abs(begin[:1]), jumps])
+                sides, upright = jumps[:, :2].max() > _SMOOTH, jumps[:, 2].max() > _SMOOTH
+                found[2] = np.where([sides, upright], np.inf, 0.0)
+        return found
 
     def require_margin(self, limits: InputSet) -> float:
         """Return the margin, m/s^2, refusing a path that may use up the input set: nothing would be left to steer.

@@ -1,0 +1,190 @@
+"""The loop around the law: which state it acts on, about which base, and what is guaranteed of that.
+
+There are two. `DirectLoop` is that of certificates without a flight section: the law acts on the estimate, about the
+reference's acceleration less the disturbance. `PredictedLoop` is that of a flight section (`certificate.flight_loop`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.flight import Flight
+from flatsat_ros.certificate.sets import Place
+from flatsat_ros.flight.assumptions import Assumption, Monitors
+from flatsat_ros.flight.estimator import Estimator
+from flatsat_ros.flight.guarantee import Assessment, GuaranteeMonitor
+from flatsat_ros.flight.policy import Policy
+from flatsat_ros.flight.predictor import Predictor
+from flatsat_ros.flight.preview import Preview
+from flatsat_ros.flight.references import References
+from flatsat_ros.law.controller import Output
+
+# of a reference's margin, this much at most may be spent on a disturbance; the rest is left to steer with
+_COMPENSATED_SHARE = 0.5
+_TINY = 1e-300
+# a pose so far, m, from where the model expects it is not the model's: its estimate begins anew
+_LOST = 0.15
+
+
+class Aim(NamedTuple):
+    """What the law shall act on.
+
+    Attributes:
+        state: (N, 6) m, m/s.
+        base: (N, 9) its reference: position, velocity, and the acceleration that is commanded without an error.
+        error: (N, 6) estimate less reference at the tick.
+        disturbance: (N, 3) what is compensated, m/s^2.
+    """
+
+    state: FloatArray
+    base: FloatArray
+    error: FloatArray
+    disturbance: FloatArray
+
+
+class Loop(Protocol):
+    """What the pilot knows of a loop."""
+
+    def aim(self, now: float, estimated: FloatArray, reference: FloatArray, flying: np.ndarray) -> Aim:
+        """Return what the law acts on at a tick.
+
+        Args:
+            now: s.
+            estimated: (N, 9) position, velocity, disturbance: m, m/s, m/s^2.
+            reference: (N, 9) position, velocity, acceleration.
+            flying: (N,) who is steered.
+        """
+
+    def assess(self, output: Output, acceleration: FloatArray, flying: np.ndarray) -> Assessment:
+        """Return where the drones are, and note what they are commanded.
+
+        Args:
+            output: of the law.
+            acceleration: (N, 3) commanded in any mode, m/s^2.
+            flying: (N,) who is steered.
+        """
+
+    def astray(self) -> list[int]:
+        """Return who is where it cannot be if nothing is broken."""
+
+    def reports(self, flying: np.ndarray) -> list[tuple[int, str]]:
+        """Return what is to be told of the drones in flight, drone and text, once per event."""
+
+
+class DirectLoop:
+    """The law acts on the estimate."""
+
+    def __init__(self, certificate: Certificate, policy: Policy, references: References, count: int) -> None:
+        self._references, self._most = references, policy.disturbance_max
+        self._monitor = GuaranteeMonitor(certificate, count)
+        self._spent = np.zeros(count)
+        self._base = np.zeros((count, 9))
+
+    def aim(self, now: float, estimated: FloatArray, reference: FloatArray, flying: np.ndarray) -> Aim:
+        """Return estimate and reference."""
+        state = estimated[:, :6]
+        most = np.minimum(self._most, _COMPENSATED_SHARE * self._references.margin)
+        disturbance, self._spent = _shortened(estimated[:, 6:], most, flying)
+        base = self._base = reference.copy()
+        base[:, 6:] -= disturbance
+        return Aim(state, base, state - reference[:, :6], disturbance)
+
+    def assess(self, output: Output, acceleration: FloatArray, flying: np.ndarray) -> Assessment:
+        """Return where the drones are in the certified sets."""
+        spent = self._spent
+        margin = self._references.margin - spent
+        fixed = self._references.at_rest & (spent == 0.0)
+        assessment = self._monitor.assess(output.error, margin, fixed)
+        self._monitor.follow(acceleration - np.where(flying[:, np.newaxis], self._base[:, 6:], 0.0))
+        return assessment
+
+    def astray(self) -> list[int]:
+        """Return nobody: no tube is known."""
+        return []
+
+    def reports(self, flying: np.ndarray) -> list[tuple[int, str]]:
+        """Return nothing."""
+        return []
+
+
+class PredictedLoop:
+    """The law acts on the state in which a command finds the drone, and leads along the reference."""
+
+    def __init__(
+        self, certificate: Certificate, flight: Flight, policy: Policy, references: References, estimator: Estimator
+    ) -> None:
+        count = len(estimator.yaw)
+        horizontal, vertical = flight.horizontal.design, flight.vertical.design
+        self._references, self._estimator = references, estimator
+        self._most = min(policy.disturbance_max, flight.disturbance)
+        self._predictor = Predictor(horizontal, vertical, count, flight.pose_age)
+        self._preview = Preview(references, horizontal, vertical)
+        self._monitors = Monitors(flight, self._most, count)
+        self._feedback = -certificate.matrix[:, 3:]
+        self._tubes = np.array([flight.horizontal.tube.position, flight.vertical.tube.position])
+        self._now = 0.0
+        self._needed, self._reference = np.zeros((count, 3)), np.zeros((count, 9))
+        self._error = np.zeros((count, 6))
+
+    def aim(self, now: float, estimated: FloatArray, reference: FloatArray, flying: np.ndarray) -> Aim:
+        """Move the model on, and predict from it."""
+        predictor, estimator = self._predictor, self._estimator
+        predictor.advance(now, estimator.newest, estimator.measured)
+        anew = ~flying | (np.abs(predictor.innovation).max(axis=1) > _LOST)
+        if np.count_nonzero(anew):
+            predictor.restart(anew, estimated, now)
+        self._now, self._reference = now, reference
+        state = np.concatenate([predictor.position, predictor.velocity], axis=1)
+        self._error = state - reference[:, :6]
+        most = np.minimum(self._most, _COMPENSATED_SHARE * self._references.margin)
+        disturbance, _ = _shortened(predictor.disturbance, most, flying)
+        base = reference.copy()
+        self._needed = self._preview.needed(now)
+        base[:, 6:] = self._needed - disturbance
+        return Aim(state + predictor.ahead(reference), base, self._error, disturbance)
+
+    def assess(self, output: Output, acceleration: FloatArray, flying: np.ndarray) -> Assessment:
+        """Return where the drones are in their tubes."""
+        predictor, monitors = self._predictor, self._monitors
+        monitors.look(
+            self._now,
+            flying,
+            self._error,
+            self._reference,
+            np.where(self._references.at_rest, 0.0, self._references.demand),
+            predictor.age,
+            predictor.innovation,
+            predictor.disturbance,
+            output.applied_gain,
+            output.error @ self._feedback,
+        )
+        predictor.command(acceleration, np.where(flying[:, np.newaxis], self._needed, 0.0))
+        holds = monitors.broken == Assumption.NONE.value
+        inside = monitors.ratio <= 1.0
+        return Assessment(
+            relative_level=monitors.ratio,
+            place=np.where(inside, Place.TUBE.value, Place.OUTSIDE.value),
+            kappa=np.where(holds, 1.0, 0.0),
+            guaranteed=holds,
+            broken=monitors.broken,
+            tube=self._tubes,
+        )
+
+    def astray(self) -> list[int]:
+        """Return who is outside its tube although all seems to be as assumed."""
+        return self._monitors.astray()
+
+    def reports(self, flying: np.ndarray) -> list[tuple[int, str]]:
+        """Return what does not hold of what the certificate assumes."""
+        return self._monitors.reports(flying)
+
+
+def _shortened(estimate: FloatArray, most: FloatArray, flying: np.ndarray) -> tuple[FloatArray, FloatArray]:
+    """Return disturbances (N, 3), m/s^2, shortened to what may be compensated, and their sizes; 0 if not steered."""
+    size = np.sqrt((estimate * estimate).sum(axis=1))
+    spent = np.where(flying, np.minimum(size, most), 0.0)
+    return estimate * (spent / np.maximum(size, _TINY))[:, np.newaxis], spent
