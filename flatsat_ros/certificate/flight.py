@@ -159,6 +159,12 @@ class Flight:
         """Of x and y, and of z."""
         return self.horizontal, self.vertical
 
+    @property
+    def acceleration(self) -> float:
+        """Largest acceleration of a reference, m/s^2; infinite where no plant has drag or tilt, which alone need it."""
+        plants = (plant for axis in self.axes for plant in (axis.design.model, axis.box.low, axis.box.high))
+        return self.assumptions.acceleration if any(plant.drag or plant.tilt for plant in plants) else math.inf
+
     def demanded(self, demand: FloatArray, margin: float) -> float:
         """Return what a reference asks for over what is assumed, the largest ratio; at most 1 is kept.
 
@@ -168,7 +174,7 @@ class Flight:
         """
         assumed = self.assumptions
         ratio = self.margin / margin
-        for asked, most in zip(demand.max(axis=1), (assumed.acceleration, assumed.jerk, assumed.snap), strict=True):
+        for asked, most in zip(demand.max(axis=1), (self.acceleration, assumed.jerk, assumed.snap), strict=True):
             if asked > 0.0:
                 ratio = max(ratio, float(asked) / most if most > 0.0 else math.inf)
         return ratio

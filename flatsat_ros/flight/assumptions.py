@@ -30,6 +30,7 @@ _JUMP, _JUMP_VELOCITY = 1e-3, 1e-2
 # the same assumption is told again after so long, s
 _SILENCE = 5.0
 _ROUNDING = 1e-9
+_INSTANT = 1e-6  # s: what stamps are rounded by
 
 
 class Assumption(IntEnum):
@@ -99,7 +100,7 @@ class Monitors:
         ]
         self._bounds = np.array(
             [
-                flight.pose_age, _GAP * period, *(bound.innovation for bound in bounds), clip, *changes, 1.0,
+                flight.pose_age + _INSTANT, _GAP * period, *(bound.innovation for bound in bounds), clip, *changes, 1.0,
                 flight.gain_max, 1.0 / flight.gain_min,
             ]
         )  # fmt: skip

@@ -93,8 +93,8 @@ class PathLimits:
         """Return limits within what a flight section assumes of references."""
         found, most = cls.within(limits, speed, flight.margin), flight.assumptions
         return cls(
-            min(found.horizontal, _KEPT * most.acceleration),
-            min(found.vertical, _KEPT * most.acceleration),
+            min(found.horizontal, _KEPT * flight.acceleration),
+            min(found.vertical, _KEPT * flight.acceleration),
             speed,
             _KEPT * most.jerk,
             _KEPT * most.snap,

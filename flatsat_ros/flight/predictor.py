@@ -52,7 +52,7 @@ class Predictor:
             horizontal: for x and y.
             vertical: for z, of the same period.
             count: N.
-            pose_age: s; older poses are not used.
+            pose_age: s; a pose that is no longer new is used until it is so old.
         """
         loops = [FlightLoop(design, design.model) for design in (horizontal, horizontal, vertical)]
         self._period, self._pose_age = horizontal.period, pose_age
@@ -139,9 +139,9 @@ class Predictor:
             state[:, _V] += late * pull
         before = state[:, _V].copy()
         self._note(now, before)
-        self._take(stamps, positions)
+        fresh = self._take(stamps, positions)
         self.age = now - stamps
-        used = (self.age <= self._pose_age) & (self._stamp >= self._since)
+        used = fresh | ((self.age <= self._pose_age) & (self._stamp >= self._since))
         innovation = self._anchor - self._corrections
         if np.count_nonzero(used) < used.size:
             innovation = np.where(used[:, np.newaxis], innovation, 0.0)
@@ -157,11 +157,11 @@ class Predictor:
     def _note(self, now: float, velocity: FloatArray) -> None:
         self._moments.append(_Moment(now, self._state[:, _P] - self._corrections, velocity, velocity))
 
-    def _take(self, stamps: FloatArray, positions: FloatArray) -> None:
-        """Tie poses that are new to the way that the model had come when they were measured."""
-        fresh = (stamps != self._stamp) & (stamps >= self._since)
+    def _take(self, stamps: FloatArray, positions: FloatArray) -> np.ndarray:
+        """Tie poses that are new to the way that the model had come when they were measured; return whose are, (N,)."""
+        fresh = np.asarray((stamps != self._stamp) & (stamps >= self._since))
         if not np.count_nonzero(fresh):
-            return
+            return fresh
         self._stamp = stamps.copy()
         moments = self._moments
         stamps = np.maximum(stamps, moments[0].time)
@@ -178,6 +178,7 @@ class Predictor:
             begin, end = times[index - 1][:, np.newaxis], times[index][:, np.newaxis]
             way = _between(begin, ways[index - 1, each], after, end, ways[index, each], before, stamps)
         np.copyto(self._anchor, positions - way, where=fresh[:, np.newaxis])
+        return fresh
 
     def ahead(self, reference: FloatArray, jerk: FloatArray | None = None) -> FloatArray:
         """Return by how much the law's state is ahead of the estimated position and velocity, (N, 6), m and m/s.
