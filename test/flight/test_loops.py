@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.certificate import Certificate, load_certificate
-from flatsat_ros.certificate.flight_loop import split
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.flight import telemetry
-from flatsat_ros.flight.assumptions import Assumption
 from flatsat_ros.flight.pilot import Pilot
-from flatsat_ros.flight.policy import GoalMode, Policy
+from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.closed_loop import fly
-from flatsat_ros.sim.dynamics import Wind
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.sensor import MotionCapture
 
