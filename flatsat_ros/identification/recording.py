@@ -23,6 +23,8 @@ CSV_BYTES = 16 * 1024 * 1024  # half an hour at 100 Hz
 POSES = 200_000  # lines of a file, poses of a bag: half an hour at 100 Hz
 SPAN = 1e5  # s, more than a day, between the first stamp and any other: played slowly, later ones have no ROS time
 
+# as seconds, a stamp from here on would lie millions of years ahead: it counts nanoseconds since 1970
+_NANOSECONDS_FROM = 1e15
 _NUMERALS = set("0123456789+-.eE")
 
 
@@ -54,7 +56,12 @@ class Recording:
             raise refusal("shapes of time, position and quaternion", shapes, "", "(M,), (M, 3), (M, 4)")
         valid = np.abs(self.time - self.time[0]) <= SPAN
         if not valid.all():
-            raise refusal("stamp", self.time[~valid][0], "s", f"finite, within {SPAN:g} s of the first")
+            raise refusal(
+                "stamp",
+                self.time[~valid][0],
+                "s",
+                f"finite, s of any epoch or ns since 1970, within {SPAN:g} s of the first",
+            )
 
     @property
     def duration(self) -> float:
@@ -67,16 +74,17 @@ class Recording:
 
 
 def read_csv(path: str | os.PathLike[str]) -> Recording:
-    """Read a CSV recording with the columns t (s, any epoch), x, y, z (m), qx, qy, qz, qw.
+    """Read a CSV recording with the columns t (s of any epoch, or ns since 1970), x, y, z (m), qx, qy, qz, qw.
 
-    A line that breaks off, that is one in which only columns at the end are missing or a last number is not complete,
-    is left out wherever it stands: recorders are interrupted and start again. Empty lines do not count.
+    An empty cell is a number that is not known, NaN: motion capture lost the body. A line that breaks off, that is one
+    in which only columns at the end are missing or a last number is not complete, is left out wherever it stands:
+    recorders are interrupted and start again. Empty lines do not count.
 
     Raises:
         FlatsatError: the file cannot be read or is larger than the bounds above, its first line is not the column
             names, a line is neither a pose nor torn, or there is no pose; the text names the line.
     """
-    lines = read_text(path, CSV_BYTES).splitlines()
+    lines = read_text(path, CSV_BYTES).removeprefix("\ufeff").splitlines()
     if len(lines) > POSES:
         raise unreadable(path, f"it has more than {POSES} lines, the most that is read")
     header = tuple(column.strip() for column in lines[0].split(",")) if lines else ()
@@ -97,7 +105,10 @@ def read_csv(path: str | os.PathLike[str]) -> Recording:
     table = np.array(rows, dtype=np.float64).reshape(-1, len(COLUMNS))
     try:
         with np.errstate(over="ignore"):  # such stamps are refused
-            return Recording(table[:, 0] - table[:1, 0], table[:, 1:4], table[:, 4:], tuple(torn))
+            time = table[:, 0] - table[:1, 0]
+            if (table[:1, 0] >= _NANOSECONDS_FROM).any():
+                time *= 1e-9
+            return Recording(time, table[:, 1:4], table[:, 4:], tuple(torn))
     except FlatsatError as error:
         raise located(path, error) from error
 
@@ -107,12 +118,14 @@ def _row(line: str) -> list[float] | None:
     if "_" in line or not line.isascii():  # 1_000 and foreign digits are numbers for Python alone
         return []
     *whole, last = line.split(",", len(COLUMNS))
+    # with an empty cell before the last one, an empty last one is a part of what was lost, not of what was written
+    lost = len(whole) == len(COLUMNS) - 1 and not last.strip() and not all(part.strip() for part in whole)
     try:
-        row = [float(part) for part in whole]
+        row = [float(part) if part.strip() else math.nan for part in whole]
     except ValueError:
         return []
     try:
-        row.append(float(last))
+        row.append(math.nan if lost else float(last))
     except ValueError:
         return None if len(row) < len(COLUMNS) and _NUMERALS.issuperset(last.strip()) else []
     return row if len(row) >= len(COLUMNS) else None

@@ -44,11 +44,12 @@ class MocapPlayer(ProgramNode):
         super().__init__("mocap_player")
         path = declare(self, "file", "", "recording: a .csv file, or a bag: its folder, .mcap or .db3 file")
         robot = declare_robot_name(self, "whose pose topic is played to")
-        topic = declare(self, "topic", "", "PoseStamped topic of the bag; empty: its only one")
+        topic = declare(self, "topic", "", "topic of the bag with poses; empty: its only one")
+        body = declare(self, "body", "", "whose poses are played, where the topic names several; empty: the only one")
         self._rate = declare(self, "rate", 1.0, "pace; 2.0 is twice as fast as recorded", bounds=(1e-3, 1e3))
         self._loop = declare(self, "loop", False, "begin again at the end")
         require_known_parameters(self)
-        self._recording = _read(path, topic)
+        self._recording = _read(path, topic, body)
         for line in self._recording.torn:
             self.get_logger().warning(f"{path}, line {line} breaks off: left out")
 
@@ -108,19 +109,20 @@ class MocapPlayer(ProgramNode):
         self._timer.reset()
 
 
-def _read(path: str, topic: str) -> Recording:
+def _read(path: str, topic: str, body: str) -> Recording:
     """Read a recording of either kind.
 
     Raises:
-        FlatsatError: it is missing, not readable, or a topic is asked of a CSV file.
+        FlatsatError: it is missing, not readable, or a topic or body is asked of a CSV file.
     """
     if not path:
         raise FlatsatError("parameter file is empty: must be a recording, a .csv file or a bag")
     file = user_path(path)
-    if file.suffix != ".csv":
-        return read_bag(str(file), topic)
-    if topic:
-        raise refusal("parameter topic", topic, "", "empty for a CSV recording")
+    if file.suffix.lower() != ".csv":
+        return read_bag(str(file), topic, body)
+    for name, value in (("topic", topic), ("body", body)):
+        if value:
+            raise refusal(f"parameter {name}", value, "", "empty for a CSV recording")
     return read_csv(file)
 
 

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,29 @@ MESSAGES = 5_000_000  # more are not read
 _SEVERITIES = {10: "info", 20: "info", 30: "warning", 40: "error", 50: "error"}
 # poses that are wishes, not measurements
 _WISHES = ("goal_pose", "cmd_position", "target", "setpoint")
+
+# crazyswarm2's motion capture: what a bag may hold without saying what it is
+NAMED_POSES = "motion_capture_tracking_interfaces/msg/NamedPoseArray"
+_NAMED_POSE = NAMED_POSES.removesuffix("Array")
+_DEFINITIONS = {
+    _NAMED_POSE: "string name\ngeometry_msgs/Pose pose\n",
+    NAMED_POSES: f"std_msgs/Header header\n{_NAMED_POSE.replace('/msg', '')}[] poses\n",
+}
+
+
+class Seen(NamedTuple):
+    """One body in one message.
+
+    Attributes:
+        stamp: ns, of its header.
+        name: of the body; empty where the topic tells whose pose it is.
+        values: position, m, and quaternion x, y, z, w, body -> world.
+    """
+
+    stamp: int
+    name: str
+    values: tuple[float, ...]
+
 
 # what a message says: a channel's kind, a robot's name below its topic (empty: the topic's own), the values
 Sample = tuple[str, str, tuple[Any, ...]]
@@ -44,42 +68,79 @@ def read_flight(path: Path, progress: Callable[[Iterable[Any], int], Iterable[An
     Raises:
         FlatsatError: rosbags is not installed, the bag cannot be read, or nothing in it can be shown.
     """
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise unreadable(path, "a bag needs rosbags, pip install rosbags") from error
-    check_bag(path)
     collected = _Collected()
-    try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-            shown = [connection for connection in reader.connections if _reader_of(connection) is not None]
-            count = sum(connection.msgcount for connection in shown)
-            if count > MESSAGES:
-                raise located(path, f"it has {count} messages that can be shown, at most {MESSAGES} are read")
-            # without a choice of connections, all messages would come
-            for connection, time, raw in progress(reader.messages(shown), count) if shown else ():
-                read = _reader_of(connection)
-                assert read is not None
-                collected.add(time, connection.topic, read(reader.deserialize(raw, connection.msgtype)))
+    with opened(path) as reader:
+        shown = [connection for connection in reader.connections if _reader_of(connection) is not None]
+        count = sum(connection.msgcount for connection in shown)
+        if count > MESSAGES:
+            raise located(path, f"it has {count} messages that can be shown, at most {MESSAGES} are read")
+        # without a choice of connections, all messages would come
+        for connection, time, raw in progress(reader.messages(shown), count) if shown else ():
+            read = _reader_of(connection)
+            assert read is not None
+            collected.add(time, connection.topic, read(reader.deserialize(raw, connection.msgtype)))
         flight = collected.flight(f"{path.resolve().parent.name}/{path.name}")
-    except FlatsatError:
-        raise
-    except Exception as error:  # a damaged bag lets errors of a dozen kinds escape from rosbags and what it stands on
-        raise unreadable(path, one_line(str(error)) or type(error).__name__) from error
     if not flight.tracks:
         kinds = ", ".join(sorted({kind.rpartition("/")[2] for kind in READERS}))
         raise located(path, f"nothing in it can be shown: it has no poses or set-points of drones; known are {kinds}")
     return flight
 
 
-def check_bag(path: Path) -> None:
+@contextmanager
+def opened(path: Path) -> Iterator[Any]:
+    """Open a bag, and refuse in one line what is found to be wrong with it until it is closed.
+
+    Types are known as the bag defines them, and those of ROS 2 Jazzy and motion_capture_tracking without that.
+
+    Args:
+        path: the bag's folder, or its .mcap or .db3 file.
+
+    Yields:
+        The `rosbags.highlevel.AnyReader`.
+
+    Raises:
+        FlatsatError: rosbags is not installed, or the bag cannot be read.
+    """
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+    except ImportError as error:
+        raise unreadable(path, "a bag needs rosbags, pip install rosbags") from error
+    _check_bag(path)
+    try:
+        known = get_typestore(Stores.ROS2_JAZZY)
+        for name, definition in _DEFINITIONS.items():
+            known.register(get_types_from_msg(definition, name))
+        with AnyReader([path], default_typestore=known) as reader:
+            if any(connection.msgtype not in reader.typestore.fielddefs for connection in reader.connections):
+                defined = reader.typestore.fielddefs
+                reader.typestore.register({k: v for k, v in known.fielddefs.items() if k not in defined})
+            yield reader
+    except FlatsatError:
+        raise
+    except Exception as error:  # a damaged bag lets errors of a dozen kinds escape from rosbags and what it stands on
+        text = one_line(str(error), 150)
+        reason = text if " " in text else f"{type(error).__name__} {text}".strip()  # a key alone says nothing
+        raise unreadable(path, f"{reason}; if it is damaged, {_remedy(path)} may help") from error
+
+
+def _check_bag(path: Path) -> None:
     """Refuse what rosbags would wait for or choke on: pipes and devices, and metadata that are not strictly YAML."""
     if not path.is_dir():
         check_regular(path)
         return
     check_folder(path)
-    read_yaml(path / "metadata.yaml")
+    metadata = path / "metadata.yaml"
+    if not metadata.exists():
+        raise unreadable(path, "it has no metadata.yaml: must be a bag; ros2 bag reindex writes one that was lost")
+    read_yaml(metadata)
+
+
+def _remedy(path: Path) -> str:
+    """Return what saves messages out of a bag that was not closed or is damaged, by the kind of its file."""
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    kinds = {file.suffix for file in files}
+    return "mcap recover" if ".mcap" in kinds else "sqlite3 FILE .recover" if ".db3" in kinds else "ros2 bag reindex"
 
 
 def _pose(pose: Any) -> tuple[float, ...]:
@@ -87,13 +148,27 @@ def _pose(pose: Any) -> tuple[float, ...]:
     return (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
 
 
-def _transforms(message: Any) -> list[Sample]:
-    samples: list[Sample] = []
+def _stamp(header: Any) -> int:
+    return int(header.stamp.sec) * int(_NANOSECONDS) + int(header.stamp.nanosec)
+
+
+def _transforms(message: Any) -> list[Seen]:
+    seen: list[Seen] = []
     for entry in message.transforms:
         place, turn = entry.transform.translation, entry.transform.rotation
         values = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
-        samples.append(("pose", entry.child_frame_id, values))
-    return samples
+        seen.append(Seen(_stamp(entry.header), str(entry.child_frame_id), values))
+    return seen
+
+
+# by message type: the poses in a message
+POSE_READERS: Mapping[str, Callable[[Any], list[Seen]]] = {
+    "geometry_msgs/msg/PoseStamped": lambda m: [Seen(_stamp(m.header), "", _pose(m.pose))],
+    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda m: [Seen(_stamp(m.header), "", _pose(m.pose.pose))],
+    "nav_msgs/msg/Odometry": lambda m: [Seen(_stamp(m.header), "", _pose(m.pose.pose))],
+    "tf2_msgs/msg/TFMessage": _transforms,
+    NAMED_POSES: lambda m: [Seen(_stamp(m.header), str(entry.name), _pose(entry.pose)) for entry in m.poses],
+}
 
 
 def _telemetry(message: Any) -> list[Sample]:
@@ -102,15 +177,14 @@ def _telemetry(message: Any) -> list[Sample]:
     return [("tick", "", tuple(row.get(name, np.nan) for name in FIELDS))] if "mode" in row else []
 
 
+def _shown(read: Callable[[Any], list[Seen]]) -> Callable[[Any], list[Sample]]:
+    """Return what makes samples of the poses in a message."""
+    return lambda message: [("pose", seen.name, seen.values) for seen in read(message)]
+
+
 # by message type: the samples in a message
 READERS: Mapping[str, Callable[[Any], list[Sample]]] = {
-    "geometry_msgs/msg/PoseStamped": lambda m: [("pose", "", _pose(m.pose))],
-    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda m: [("pose", "", _pose(m.pose.pose))],
-    "nav_msgs/msg/Odometry": lambda m: [("pose", "", _pose(m.pose.pose))],
-    "tf2_msgs/msg/TFMessage": _transforms,
-    "motion_capture_tracking_interfaces/msg/NamedPoseArray": lambda m: [
-        ("pose", str(entry.name), _pose(entry.pose)) for entry in m.poses
-    ],
+    **{kind: _shown(read) for kind, read in POSE_READERS.items()},
     "geometry_msgs/msg/Twist": lambda m: [("command", "", (m.linear.y, m.linear.x, m.angular.z, m.linear.z))],
     "std_msgs/msg/Float64MultiArray": _telemetry,
     "sensor_msgs/msg/BatteryState": lambda m: [("battery", "", (m.voltage,))],

@@ -44,6 +44,22 @@ def test_the_faults_of_motion_capture_are_data(file: Path) -> None:
     assert recording.duration == pytest.approx(15.63, abs=3e-7)
 
 
+def test_lost_frames_are_empty_cells_and_no_torn_lines(file: Path) -> None:
+    recording = read_csv(write(file, line(0.0), "0.01,,,,,,,", "0.02,0.5,0.0,1.0, ,,,", "0.03,0.1,,", line(0.04)))
+    assert recording.torn == (5,)
+    assert recording.time.tolist() == [0.0, 0.01, 0.02, 0.04]
+    assert np.isnan(recording.position).all(axis=1).tolist() == [False, True, False, False]
+    assert np.isnan(recording.quaternion).all(axis=1).tolist() == [False, True, True, False]
+
+
+def test_a_byte_order_mark_and_stamps_in_nanoseconds_are_read(file: Path) -> None:
+    rows = [line(t).replace(repr(t), repr(1_700_000_000_000_000_000 + int(t * 1e9))) for t in (0.25, 0.5, 99.0)]
+    file.write_text("\n".join([HEADER, *rows]), encoding="utf-8-sig")
+    assert read_csv(file).time == pytest.approx([0.0, 0.25, 98.75], abs=3e-7)
+    with pytest.raises(FlatsatError, match=r"s of any epoch or ns since 1970, within 100000 s of the first"):
+        read_csv(write(file, line(1_700_000_000_000.0), line(1_700_000_200_000.0)))
+
+
 def test_a_late_pose_is_due_right_after_the_one_ahead_of_it() -> None:
     recording = Recording(np.array([0.0, 0.3, 0.1, 0.2, 0.4]), np.zeros((5, 3)), np.zeros((5, 4)))
     assert recording.due().tolist() == [0.0, 0.3, 0.3, 0.3, 0.4]

@@ -191,3 +191,11 @@ def test_a_person_who_is_tracked_beside_the_drones_is_not_flown(started: Callabl
         encoding="utf-8",
     )
     assert started(ControllerNode, given(crazyflies_yaml=file)).robots == ["cf1"]
+
+
+def test_a_recording_is_known_by_its_ending_in_any_letters(started: Callable[..., Any], tmp_path: Path) -> None:
+    recording = tmp_path / "RECORDING.CSV"
+    recording.write_text("\ufeff" + ",".join(COLUMNS) + "\n0,0,0,0,0,0,0,1\n", encoding="utf-8")
+    assert not started(MocapPlayer, given(file=recording)).done
+    with pytest.raises(FlatsatError, match="parameter body = 'cf1': must be empty for a CSV recording"):
+        started(MocapPlayer, given(file=recording, body="cf1"))
