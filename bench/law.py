@@ -13,9 +13,9 @@ from tqdm import tqdm
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import Policy
-from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.controller import Controller, Memory
 from flatsat_ros.law.gain import Tuning

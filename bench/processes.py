@@ -24,7 +24,7 @@ from tqdm import tqdm
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.files import make_folder
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.nodes.ros import interfaces, messages
 

@@ -1,4 +1,4 @@
-"""docs/flight_modes.md: the state table of a drone, printed from `flight.supervisor`. Run by `make docs`."""
+"""docs/flight_modes.md: the state table of a drone, printed from `flight.modes`. Run by `make docs`."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from dataclasses import fields
 from inspect import cleandoc
 from pathlib import Path
 
-from flatsat_ros.flight.supervisor import CONDITIONS, TABLE, Mode, Situation
+from flatsat_ros.flight.modes import CONDITIONS, TABLE, Mode, Situation
 
 PAGE = Path(__file__).parent / "flight_modes.md"
 
 _BEGIN = """# The state table of a drone
 
-Printed by `make docs` from `TABLE`, `CONDITIONS` and `Situation` of `flatsat_ros/flight/supervisor.py`: change it
+Printed by `make docs` from `TABLE`, `CONDITIONS` and `Situation` of `flatsat_ros/flight/modes.py`: change it
 there. What is commanded in each mode stands in [interfaces.md](interfaces.md#flight-modes).
 
 In each mode the events are tried from above; the first one whose terms all hold leads to the next mode, which is told

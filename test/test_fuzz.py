@@ -13,7 +13,7 @@ from fuzzing.sequence import encoded
 from hypothesis import HealthCheck, given, settings
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 
 

@@ -13,9 +13,9 @@ from flatsat_ros.demo.choreography import Stage, perform
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
 from flatsat_ros.demo.scenario import GAMMA_0, MU, POSE_NOISE, V_INF, VEHICLE, Scenario, record_of
 from flatsat_ros.flight import telemetry
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import GoalMode, Policy
-from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning

@@ -20,7 +20,7 @@ from flatsat_ros.demo.choreography import Stage, perform
 from flatsat_ros.demo.processes import Nodes, command_of, commands_of, require_alive, running
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
 from flatsat_ros.demo.scenario import VEHICLE, Scenario, record_of
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.trajectory import Trajectory
 
 if TYPE_CHECKING:

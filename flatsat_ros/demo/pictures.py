@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from flatsat_ros.base.files import replacing
 from flatsat_ros.demo.record import FlightRecord
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 
 FILES = ("paths.png", "gain.png", "inputs.png")
 

@@ -13,9 +13,10 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.flight.guidance import Guidance
+from flatsat_ros.flight.modes import AIRBORNE, STANDING_HEIGHT, Mode
 from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.separation import DOWNWASH, IN_THE_AIR, STANDING, TOLERANCE, Track, closest
-from flatsat_ros.flight.supervisor import AIRBORNE, STANDING_HEIGHT, Mode, Supervisor
+from flatsat_ros.flight.supervisor import Supervisor
 from flatsat_ros.flight.trajectory import Trajectory
 
 # references are this much farther apart than drones must be, m: drones are not exactly on theirs

@@ -16,11 +16,12 @@ from flatsat_ros.flight.clearance import Cause, Clearance
 from flatsat_ros.flight.estimator import Estimator
 from flatsat_ros.flight.guidance import Guidance
 from flatsat_ros.flight.loops import DirectLoop, Loop, PredictedLoop
+from flatsat_ros.flight.modes import AIRBORNE, Mode, Transition
 from flatsat_ros.flight.orientation import Orientations
 from flatsat_ros.flight.policy import GoalMode, Policy
 from flatsat_ros.flight.senses import Senses
 from flatsat_ros.flight.steering import Steering
-from flatsat_ros.flight.supervisor import AIRBORNE, Mode, Supervisor, Transition
+from flatsat_ros.flight.supervisor import Supervisor
 from flatsat_ros.flight.tick import Command, Report, Tick
 from flatsat_ros.flight.traffic import Traffic
 from flatsat_ros.flight.trajectory import Trajectory

@@ -16,8 +16,9 @@ from flatsat_ros.flight.detectors import (
     TouchDownDetector,
 )
 from flatsat_ros.flight.guidance import Guidance
+from flatsat_ros.flight.modes import AIRBORNE, Mode
 from flatsat_ros.flight.policy import Policy
-from flatsat_ros.flight.supervisor import AIRBORNE, Mode, Sight
+from flatsat_ros.flight.supervisor import Sight
 from flatsat_ros.flight.thrust import ThrustScale
 
 # the detectors look so often, s: they judge by what lasts for tenths of a second

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.tick import Tick
 
 # the entries of a row, in order; units in docs/interfaces.md

@@ -9,7 +9,7 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.flight.guarantee import Assessment
-from flatsat_ros.flight.supervisor import Mode, Transition
+from flatsat_ros.flight.modes import Mode, Transition
 from flatsat_ros.law.controller import Output
 
 

@@ -25,10 +25,11 @@ from numpy.typing import ArrayLike
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import refusal
 from flatsat_ros.flight.guidance import Guidance
+from flatsat_ros.flight.modes import AIRBORNE, Mode, Transition
 from flatsat_ros.flight.neighbours import Conflict, Neighbours
 from flatsat_ros.flight.policy import GoalMode, Policy
 from flatsat_ros.flight.separation import DOWNWASH, IN_THE_AIR, Track, near_pairs
-from flatsat_ros.flight.supervisor import AIRBORNE, Mode, Supervisor, Transition
+from flatsat_ros.flight.supervisor import Supervisor
 from flatsat_ros.flight.tick import Report
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.flight.waiting import Waiting

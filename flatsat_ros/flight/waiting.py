@@ -10,8 +10,9 @@ import math
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.flight.guidance import Guidance
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.neighbours import Neighbours
-from flatsat_ros.flight.supervisor import Mode, Supervisor
+from flatsat_ros.flight.supervisor import Supervisor
 from flatsat_ros.flight.tick import Report
 
 # a goal waits so long, s, for drones that rest in its way

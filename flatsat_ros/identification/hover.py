@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import finite_array, float_array, require_each
 from flatsat_ros.base.errors import LARGEST, SMALLEST, FlatsatError, refusal, require_positive
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 
 # largest root mean square velocity of a hover, m/s, and the smallest number of ticks to measure over

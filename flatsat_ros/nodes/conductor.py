@@ -21,7 +21,7 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.interrupts import signals_held
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.crazyflie.wire import input_from_setpoint
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.ros import cdr, interfaces, messages

@@ -24,9 +24,9 @@ from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.crazyflie.wire import Backend, WireSetpoint, YawMode, setpoint_from_command
 from flatsat_ros.flight import telemetry
 from flatsat_ros.flight.clearance import Cause
+from flatsat_ros.flight.modes import AIRBORNE, Mode, Transition
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.stamps import StampClock
-from flatsat_ros.flight.supervisor import AIRBORNE, Mode, Transition
 from flatsat_ros.flight.tick import Command, Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.batteries import follow_batteries

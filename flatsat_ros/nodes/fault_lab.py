@@ -14,7 +14,7 @@ from std_srvs.srv import Empty, Trigger
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.conductor import MODE, Conductor
 from flatsat_ros.nodes.fault_relay import UPSTREAM

@@ -9,8 +9,8 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from flatsat_ros.certificate.sets import Place
 from flatsat_ros.flight.battery import Charge
+from flatsat_ros.flight.modes import Event, Mode, Transition
 from flatsat_ros.flight.pilot import Pilot
-from flatsat_ros.flight.supervisor import Event, Mode, Transition
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.nodes.ros.diagnostics import Level, Report
 from flatsat_ros.nodes.ros.throttle import Throttle

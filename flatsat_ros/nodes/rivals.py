@@ -18,7 +18,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.nodes.ros import interfaces
 
 _SINGLE = (interfaces.COMMAND, interfaces.POSE, interfaces.TELEMETRY)

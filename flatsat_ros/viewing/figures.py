@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.viewing.flight import Channel, Flight, Track
 
 _GAP = 0.5  # s: nothing is said of a drone's place in longer gaps between its poses

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 
 POSE_FIELDS = ("x", "y", "z", "qx", "qy", "qz", "qw")  # m, and x, y, z, w of the orientation, body -> world

@@ -16,7 +16,7 @@ from rosbags.highlevel import AnyReader
 
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.cli import demo
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.viewing.bag import read_flight
 

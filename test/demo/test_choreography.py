@@ -13,7 +13,7 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.demo import live
 from flatsat_ros.demo.choreography import LANDING_LATEST, LATE, Stage, perform
 from flatsat_ros.demo.scenario import Scenario, plan
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.trajectory import Trajectory
 
 

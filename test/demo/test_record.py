@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from flatsat_ros.demo.record import FlightRecord, RobotRecord, failures
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.input_set import InputSet

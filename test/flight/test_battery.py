@@ -17,9 +17,9 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.crazyflie.vehicle import BatteryLimits
 from flatsat_ros.flight.battery import HOLD, Batteries, Charge
 from flatsat_ros.flight.clearance import Cause
+from flatsat_ros.flight.modes import AIRBORNE, Mode
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import Policy
-from flatsat_ros.flight.supervisor import AIRBORNE, Mode
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.law.flatness import acceleration_from_input
 from flatsat_ros.law.gain import Tuning

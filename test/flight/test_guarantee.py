@@ -14,9 +14,9 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.closed_form import closed_form_certificate
 from flatsat_ros.certificate.sets import Place
 from flatsat_ros.flight.guarantee import GuaranteeMonitor
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import Policy
-from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning

@@ -11,9 +11,9 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.certificate import Certificate, load_certificate
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.flight import telemetry
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import Policy
-from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.closed_loop import fly

@@ -13,18 +13,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.flight.modes import AIRBORNE, CONDITIONS, TABLE, Event, Mode, Situation, next_mode
 from flatsat_ros.flight.policy import Policy
-from flatsat_ros.flight.supervisor import (
-    AIRBORNE,
-    CONDITIONS,
-    TABLE,
-    Event,
-    Mode,
-    Sight,
-    Situation,
-    Supervisor,
-    next_mode,
-)
+from flatsat_ros.flight.supervisor import Sight, Supervisor
 
 POLICY = Policy(pose_timeout=0.3, level_time=0.5, unlock_time=0.5, level_thrust=0.9)
 

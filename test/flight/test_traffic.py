@@ -11,10 +11,10 @@ import pytest
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.crazyflie.vehicle import load_vehicle
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import GoalMode, Policy
 from flatsat_ros.flight.separation import IN_THE_AIR
-from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.planning.spline import spline_through

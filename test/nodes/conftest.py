@@ -33,7 +33,7 @@ from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint, input_from_setpoint
 from flatsat_ros.flight.estimator import PREDICTION_MAX
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.law.flatness import acceleration_from_input
 from flatsat_ros.nodes.ros import interfaces, messages

@@ -23,7 +23,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from room import EPOCH, Room, pose
 from std_srvs.srv import SetBool
 
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.controller_node import ControllerNode
 from flatsat_ros.nodes.rivals import Ear, Heard

@@ -11,7 +11,7 @@ from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point
 from std_srvs.srv import SetBool, Trigger
 
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.nodes import crazyswarm
 from flatsat_ros.nodes.ros import interfaces

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from flatsat_ros.demo.record import RMS_LIMIT
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.ros import interfaces, messages

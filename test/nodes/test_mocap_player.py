@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.identification.recording import COLUMNS
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.bag import Recorded, write_bag

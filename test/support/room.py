@@ -17,8 +17,8 @@ from std_srvs.srv import Trigger
 
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.stamps import StampClock
-from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.nodes.controller_node import ControllerNode
 from flatsat_ros.nodes.flight_report import FlightLog
 from flatsat_ros.nodes.ros import messages

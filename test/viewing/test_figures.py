@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.viewing.figures import COLUMNS, figures_of, separation
 from flatsat_ros.viewing.flight import POSE_FIELDS, Channel, Event, Flight, Track, tick_channel, with_mode_events

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 
 SEPARATION = 0.4  # m: drones never come nearer to each other
 RISEN = 0.05  # m above the floor: a drone is off it

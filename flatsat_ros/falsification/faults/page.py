@@ -13,7 +13,7 @@ from flatsat_ros.falsification.faults.phases import PLANS, Phase
 from flatsat_ros.falsification.faults.rows import Row
 from flatsat_ros.falsification.faults.scene import Scene
 from flatsat_ros.falsification.faults.table import FAULTS, LIVE
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 
 _HEAD = """# Faults
 

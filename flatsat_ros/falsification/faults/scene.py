@@ -16,10 +16,10 @@ from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint, setpoint_from_command
 from flatsat_ros.falsification.faults.criteria import Outcome, Remark
 from flatsat_ros.falsification.faults.record import Record
+from flatsat_ros.flight.modes import AIRBORNE, Mode
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.stamps import StampClock
-from flatsat_ros.flight.supervisor import AIRBORNE, Mode
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.closed_loop import fly

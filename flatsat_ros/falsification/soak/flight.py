@@ -16,7 +16,7 @@ from flatsat_ros.demo.live import Live
 from flatsat_ros.demo.processes import command_of, end, start
 from flatsat_ros.falsification.soak.usage import left, present, sample
 from flatsat_ros.falsification.soak.verdict import Soak
-from flatsat_ros.flight.supervisor import AIRBORNE, Mode
+from flatsat_ros.flight.modes import AIRBORNE, Mode
 
 if TYPE_CHECKING:
     from flatsat_ros.nodes.soak_lab import SoakLab

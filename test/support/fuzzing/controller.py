@@ -21,8 +21,8 @@ from std_srvs.srv import SetBool
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.wire import WireSetpoint
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.stamps import StampClock
-from flatsat_ros.flight.supervisor import Mode
 from flatsat_ros.nodes.ros import messages
 from flatsat_ros.nodes.ros.messages import NANOSECONDS
 from fuzzing.cdr import poses, trajectories

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.identification.hover import thrust_scale
 from fuzzing.damage import FLOATS
