@@ -18,7 +18,7 @@ _SILENCE = 0.5
 # The descent: share of that thrust, its fall per s, and its duration, s. The air brakes a drone that sinks; one that
 # still rises, because what was sent made it climb, comes down all the same, later.
 _SHARE, _FALL, _DESCENT = 0.93, 0.01, 12.0
-# then zero thrust for this long, s: silence in its place would lock the drone, see flight.supervisor
+# then zero thrust for this long, s: silence in its place would lock the drone, see flight.modes
 _REST = 2.5
 
 
