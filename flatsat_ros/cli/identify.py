@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING
 from flatsat_ros.cli import shell
 
 if TYPE_CHECKING:
+    from flatsat_ros.base.arrays import FloatArray
     from flatsat_ros.crazyflie.vehicle import VehicleProfile
     from flatsat_ros.identification.columns import ColumnMap
     from flatsat_ros.identification.identified import Identified
     from flatsat_ros.identification.log import FlightLog
+    from flatsat_ros.viewing.flight import Channel
 
 _BASE = "cf21"
 
@@ -120,7 +122,6 @@ def identified_from(
 def _check_output(arguments: argparse.Namespace) -> None:
     """Refuse an output that cannot be written before anything is computed."""
     from flatsat_ros.base.errors import FlatsatError, refusal
-    from flatsat_ros.base.files import check_writable, unwritable
 
     output: Path | None = arguments.output
     if output is None:
@@ -129,9 +130,7 @@ def _check_output(arguments: argparse.Namespace) -> None:
         return
     if output.suffix != ".yaml":
         raise refusal("--output", str(output), "", "a .yaml file, whose name the profile has")
-    check_writable(output)
-    if output.exists() and not arguments.force:
-        raise unwritable(output, "it exists: give --force to overwrite it")
+    shell.require_new(output, arguments.force)
 
 
 def _read(path: Path, columns: ColumnMap | None, arguments: argparse.Namespace) -> FlightLog:
@@ -171,6 +170,7 @@ def bag_log(path: Path, drone: str | None, backend: str) -> FlightLog:
         raise located(path, f"--drone {name}: drones with both poses and cmd_vel_legacy are: {names}")
     channels = tracks[name]
     pose, command, battery = channels["pose"], channels["command"], channels.get("battery")
+    ticks = channels.get("tick")
     scale = (math.radians(1.0), Backend(backend).pitch_sign * math.radians(1.0), 1.0)
     sent = np.stack([command.column(each) for each in ("roll", "pitch", "thrust")], axis=-1)
     try:
@@ -183,9 +183,20 @@ def bag_log(path: Path, drone: str | None, backend: str) -> FlightLog:
             command=sent * scale,
             voltage_time=np.empty(0) if battery is None else battery.times,
             voltage=np.empty(0) if battery is None else battery.column("voltage"),
+            errors=np.empty((0, 3)) if ticks is None else _errors(ticks),
         )
     except FlatsatError as error:
         raise located(path, error) from error
+
+
+def _errors(ticks: Channel) -> FloatArray:
+    """Return the position errors (T, 3), m, of the ticks in FLY that have one."""
+    import numpy as np
+
+    from flatsat_ros.flight.supervisor import Mode
+
+    errors = np.stack([ticks.column(f"error_{axis}") for axis in "xyz"], axis=-1)
+    return np.asarray(errors[(ticks.column("mode") == Mode.FLY) & np.isfinite(errors).all(axis=1)])
 
 
 if __name__ == "__main__":

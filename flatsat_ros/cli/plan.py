@@ -87,16 +87,13 @@ def _verify(path: Path, certificate: str | None) -> None:
 
 def _plan(arguments: argparse.Namespace) -> None:
     from flatsat_ros.base.errors import FlatsatError
-    from flatsat_ros.base.files import check_writable, unwritable
     from flatsat_ros.certificate.certificate import load_certificate
     from flatsat_ros.planning.inputs import Wishes, read_mission
     from flatsat_ros.planning.planner import plan
 
     output: Path | None = arguments.output
     if output is not None:
-        check_writable(output)
-        if output.exists() and not arguments.force:
-            raise unwritable(output, "it exists: give --force to overwrite it")
+        shell.require_new(output, arguments.force)
     elif arguments.force:
         raise FlatsatError("--force overwrites the output; without --output none is written")
     options = ("tube", "margin", "jerk_max", "snap_max", "speed_max", "clearance", "floor")

@@ -164,6 +164,23 @@ def require_alone(arguments: argparse.Namespace, option: str, *beside: str) -> N
         raise FlatsatError(f"{', '.join(ignored)}: not used with --{option.replace('_', '-')}; drop one or the other")
 
 
+def require_new(target: Path, force: bool) -> None:
+    """Refuse, before anything is computed, a file to write that exists or cannot be written.
+
+    Args:
+        target: the file.
+        force: whether it may exist.
+
+    Raises:
+        FlatsatError: it cannot be written, or exists without `force`.
+    """
+    from flatsat_ros.base.files import check_writable, unwritable
+
+    check_writable(target)
+    if target.exists() and not force:
+        raise unwritable(target, "it exists: give --force to overwrite it")
+
+
 def require_folder(folder: Path, names: Iterable[str]) -> None:
     """Make a folder, with those of the files' names, and refuse it if one of the files cannot be written.
 

@@ -111,7 +111,7 @@ def _write_paper(arguments: argparse.Namespace) -> None:
     names = [name for name in makers if arguments.paper in ("all", name.removeprefix("paper_"))]
     targets = {name: (arguments.output_dir or Path("config")) / f"{name}.yaml" for name in names}
     for target in targets.values():
-        _require_writable(target, arguments.force)
+        shell.require_new(target, arguments.force)
     for name, target in targets.items():
         _finish(makers[name](), target, None, None)
 
@@ -128,7 +128,7 @@ def _write_own(arguments: argparse.Namespace) -> None:
         raise FlatsatError("--force overwrites files; without --output and --plot none is written")
     for target in (output, plot):
         if target is not None:
-            _require_writable(target, arguments.force)
+            shell.require_new(target, arguments.force)
     if plot is not None and plot.suffix not in _PICTURES:
         raise refusal("--plot", str(plot), "", f"a file whose name ends in {', '.join(_PICTURES)}")
     vehicle = None if arguments.vehicle is None else load_vehicle(arguments.vehicle)
@@ -212,15 +212,6 @@ def _limits(arguments: argparse.Namespace, vehicle: VehicleProfile | None) -> tu
         most = f"{vehicle.thrust_max:.6g} m/s^2 ({vehicle.thrust_max / GRAVITY:.4g} g)"
         raise refusal("thrust_max", thrust, "m/s^2", f"at most {most}, what {vehicle.name} lifts")
     return limits, inputs
-
-
-def _require_writable(target: Path, force: bool) -> None:
-    """Refuse, before anything is computed, a target that exists or cannot be written."""
-    from flatsat_ros.base.files import check_writable, unwritable
-
-    check_writable(target)
-    if target.exists() and not force:
-        raise unwritable(target, "it exists: give --force to overwrite it")
 
 
 def _finish(certificate: Certificate, output: Path | None, plot: Path | None, cover: Sequence[float] | None) -> None:

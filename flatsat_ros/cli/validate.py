@@ -18,25 +18,55 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parser() -> shell.Parser:
     parser = shell.Parser(
         "validate",
-        "Say of each assumption of a certificate whether logs of flights support it, contradict it or tell nothing.",
+        "Say of each assumption of a certificate whether logs of flights support it, contradict it or tell nothing, "
+        "and write the assumptions that they support.",
         "assumptions: thrust available at the largest thrust command, lag plus delay, thrust lag, attitude gain, "
-        "pose gaps. Flights can contradict a certificate's assumptions; they prove none.",
+        "noise, disturbance and its rate, pose gaps; of bags of our controller, the tube. Flights can contradict a "
+        "certificate's assumptions; they prove none.",
     )
     add_log_arguments(parser)
     parser.add_argument("--certificate", required=True, metavar="NAME_OR_PATH", help="packaged name or file")
+    parser.add_argument(
+        "--vehicle",
+        metavar="NAME_OR_PATH",
+        help="the drone's own profile: the base, whose thrust map and intervals are judged, too",
+    )
+    parser.add_argument("--write", type=shell.path, metavar="FILE", help="assumptions file to write, for synthesize")
+    parser.add_argument("--coverage", type=float, metavar="SHARE", help="of the samples, in what is written (0.999)")
+    parser.add_argument("--force", action="store_true", help="overwrite the assumptions")
     return parser
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from flatsat_ros.base.errors import FlatsatError
     from flatsat_ros.certificate.certificate import load_certificate
     from flatsat_ros.crazyflie.vehicle import load_vehicle
     from flatsat_ros.identification.validation import CONTRADICTS, validate
 
+    if arguments.write is None and (arguments.force or arguments.coverage is not None):
+        raise FlatsatError("--coverage, --force: they go with --write; without it nothing is written")
+    if arguments.write is not None:
+        shell.require_new(arguments.write, arguments.force)
+    vehicle = None if arguments.vehicle is None else load_vehicle(arguments.vehicle)
+    base = vehicle or load_vehicle(arguments.base)
     certificate = load_certificate(arguments.certificate)
-    found, logs, _ = identified_from(arguments, load_vehicle(arguments.base))
-    verdicts = validate(certificate, found, logs)
+    found, logs, names = identified_from(arguments, base)
+    verdicts = validate(certificate, found, logs, vehicle)
     for each in verdicts:
-        print(f"  {each.verdict:12s} {each.assumption:18s} assumed: {each.bound:34s} flights: {each.shown}")
+        print(f"  {each.verdict:12s} {each.assumption:26s} assumed: {each.bound:26s} flights: {each.shown}")
+    if arguments.write is not None:
+        from flatsat_ros.base.strict_yaml import write_yaml
+        from flatsat_ros.identification.assumptions import COVERAGE, assumptions
+        from flatsat_ros.identification.disturbances import BANDWIDTH
+
+        coverage = COVERAGE if arguments.coverage is None else arguments.coverage
+        header = (
+            f"# What {len(names)} flights show: {', '.join(names)}.\n"
+            f"# disturbance_rate m/s^3 up to {BANDWIDTH:.2g} Hz, noise m, pose_age s: {coverage:.4%} of the samples\n"
+            "# keep them; lag s, delay s, gain: least and largest\n"
+        )
+        write_yaml(arguments.write, dict(assumptions(found, logs, base, coverage)), header)
+        print(f"  written to {arguments.write}")
     contradicted = [each.assumption for each in verdicts if each.verdict == CONTRADICTS]
     if contradicted:
         print(f"{certificate.name}: contradicted in {', '.join(contradicted)}")

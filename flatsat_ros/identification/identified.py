@@ -28,7 +28,6 @@ from flatsat_ros.identification.residuals import EVERY, REACH, Flight
 from flatsat_ros.identification.response import Figures
 from flatsat_ros.identification.screening import STEP, Samples
 
-BANDWIDTH = 0.3189 / (REACH * STEP)  # Hz, where a mean weighted by a triangle of +-H has fallen to 1 / sqrt 2
 _DEVIATIONS = 2.2  # of the common fit: 95 % for 25 blocks
 # the largest standard deviation with which a flight or fit tells a figure: a share of the value, or in its unit
 _SHARES = {"attitude_gain": 0.1, "natural_frequency": 0.25, "damping": 0.25, "thrust_lag": 0.35}
@@ -75,16 +74,14 @@ class Identified:
         flights: as they were compared.
         common: the fit to all.
         figures: by the names of `Intervals`; one whose interval is None keeps the value of the base profile.
-        disturbance: 50, 95 and 99 % quantiles of the acceleration that nothing explains, up to BANDWIDTH, m/s^2.
-        disturbance_rate: the same of its rate of change, m/s^3.
+        noise: (K, 3) of measured positions, as in `Samples`.
         pose_noise: standard deviation of a measured coordinate, m, the largest of the flights.
     """
 
     flights: tuple[Flight, ...]
     common: Fit
     figures: Mapping[str, Figure]
-    disturbance: FloatArray
-    disturbance_rate: FloatArray
+    noise: FloatArray
     pose_noise: float
 
     @property
@@ -119,9 +116,8 @@ def identify(
         advance(f"fitting {flight.motion.samples.name} alone")
         alone.append(fit([flight], common.figures, [name for name in excited([flight]) if name in free], starts=1))
     figures = {name: _figure(name, common, alone, base.pwm_max) for name in NAMES}
-    quantiles = _disturbances(common, flights)
-    noise = max(each.pose_noise for each in samples)
-    return Identified(tuple(flights), common, figures, *quantiles, noise)
+    noise = np.concatenate([each.noise for each in samples])
+    return Identified(tuple(flights), common, figures, noise, max(each.pose_noise for each in samples))
 
 
 def profile_of(identified: Identified, base: VehicleProfile, name: str) -> VehicleProfile:
@@ -255,20 +251,6 @@ def _is_sharp(name: str, found: Fit, pwm_max: float) -> bool:
     """Tell whether the residuals of a fit leave little doubt about a figure."""
     limit = _SHARES[name] * estimate(name, found, pwm_max) if name in _SHARES else _WIDTHS[name]
     return _deviation(name, found, pwm_max) <= limit
-
-
-def _disturbances(common: Fit, flights: Sequence[Flight]) -> tuple[FloatArray, FloatArray]:
-    """Return the 50, 95 and 99 % quantiles of the unexplained acceleration, m/s^2, and of its rate, m/s^3."""
-    sizes, rates = [], []
-    for flight, each in zip(flights, common.misfits, strict=True):
-        pushed = each.position / (REACH * STEP) ** 2
-        pushed[:, :2] += (flight.pushed @ each.trim).reshape(-1, 2) / (REACH * STEP) ** 2
-        sizes.append(np.linalg.norm(pushed, axis=1))
-        steps = np.diff(flight.position_at)
-        change = np.diff(pushed, axis=0)[steps == EVERY] / (EVERY * STEP)
-        rates.append(np.linalg.norm(change, axis=1))
-    asked = (50.0, 95.0, 99.0)
-    return np.percentile(np.concatenate(sizes), asked), np.percentile(np.concatenate(rates), asked)
 
 
 def _require_different(samples: Sequence[Samples]) -> None:

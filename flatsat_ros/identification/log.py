@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +37,8 @@ class FlightLog:
         voltage_time: (B,) of the battery readings; there may be none.
         voltage: (B,) V.
         damaged: number of lines of the file that are no rows of numbers.
+        errors: (T, 3) m, distance from the reference in the ticks in which our controller flew by its law; there may be
+            none.
 
     Raises:
         FlatsatError: shapes differ, or a channel of poses or commands is empty.
@@ -51,6 +53,7 @@ class FlightLog:
     voltage_time: FloatArray
     voltage: FloatArray
     damaged: int = 0
+    errors: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
     def __post_init__(self) -> None:
         poses, commands = len(self.pose_time), len(self.command_time)

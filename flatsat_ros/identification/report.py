@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.files import replacing
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
-from flatsat_ros.identification.identified import BANDWIDTH, Identified
+from flatsat_ros.identification.disturbances import BANDWIDTH, disturbances, shared
+from flatsat_ros.identification.identified import Identified
 from flatsat_ros.identification.residuals import REACH, Flight
 from flatsat_ros.identification.residuals import Misfit as Residuals
 from flatsat_ros.identification.response import respond
@@ -56,11 +57,12 @@ def lines(identified: Identified, base: VehicleProfile) -> Iterator[str]:
     for flight, (roll, pitch) in zip(identified.flights, degrees, strict=True):
         yield f"  marker frame of {flight.motion.samples.name}: roll {roll:.2f} deg, pitch {pitch:.2f} deg"
     yield f"  pose noise {1e3 * identified.pose_noise:.3g} mm"
+    pushed, change = disturbances(identified.flights, identified.common)
     for name, unit, values in (
-        ("disturbance", "m/s^2", identified.disturbance),
-        ("its rate", "m/s^3", identified.disturbance_rate),
+        ("disturbance", "m/s^2", np.linalg.norm(pushed, axis=1)),
+        ("its rate", "m/s^3", shared(change)),
     ):
-        half, most, all_but = values
+        half, most, all_but = np.percentile(values, (50.0, 95.0, 99.0))
         yield f"  {name} up to {BANDWIDTH:.2g} Hz: {half:.2g} / {most:.2g} / {all_but:.2g} {unit} (50 / 95 / 99 %)"
     yield "  no log tells: mass apart from force (the base's mass stays), rising apart from falling thrust lag,"
     yield "  delay on board apart from that of link, motion capture and clocks (the base's dead_time stays)"

@@ -34,6 +34,7 @@ _TORN = 0.2  # s around a jump in which the velocity is not to be had from the p
 _SETTLING = 0.6  # s after a fault of the commands during which the attitude still answers to it
 _HEIGHT = 0.15  # m above the ground from which the drone flies, out of the ground effect of take-off
 _MARGIN = 0.3  # s left out at each end of a flight
+_DENSE = 0.025  # s between poses, up to which the motion is nothing to third differences
 _EXCITED = math.radians(0.5)  # rad, standard deviation of the commands from which their response can be compared
 
 
@@ -49,7 +50,8 @@ class Samples:
         voltage: (M,) V, smoothed over 1 s; empty where it is not known.
         poses_good: (M,) whether position and angles are measured, in flight.
         commands_good: (M,) whether the commands are those sent, now and for _SETTLING before.
-        pose_noise: standard deviation of a measured coordinate, m, from third differences.
+        noise: (K, 3) third differences of measured positions in flight, which are noise but for a factor, as large as
+            the noise of one position, m; none where poses come too seldom for that.
         faults: what was masked, by name, in rows of the log, in the order found.
         notes: what is to be said, one line each.
     """
@@ -61,7 +63,7 @@ class Samples:
     voltage: FloatArray
     poses_good: BoolArray
     commands_good: BoolArray
-    pose_noise: float
+    noise: FloatArray
     faults: Mapping[str, int]
     notes: tuple[str, ...] = ()
 
@@ -69,6 +71,12 @@ class Samples:
     def usable(self) -> BoolArray:
         """Whether a sample (M,) is measured and commanded."""
         return self.poses_good & self.commands_good
+
+    @property
+    def pose_noise(self) -> float:
+        """Standard deviation of the bulk of the noise of a measured coordinate, m; NaN: not told."""
+        squares = self.noise**2
+        return float(np.sqrt(np.mean(np.median(squares, axis=0)) / 0.4549)) if len(squares) else math.nan
 
     @property
     def seconds(self) -> float:
@@ -163,13 +171,12 @@ def _increasing(time: FloatArray) -> NDArray[np.intp]:
     return np.flatnonzero(time > latest)
 
 
-def _noise(time: FloatArray, position: FloatArray, use: BoolArray) -> float:
-    """Return the standard deviation of the noise of a coordinate, m; for third differences, what moves is at rest."""
-    interval = np.median(np.diff(time))
+def _noise(time: FloatArray, position: FloatArray, use: BoolArray) -> FloatArray:
+    """Return third differences (K, 3) of evenly spaced positions, for which what moves is at rest, over sqrt(20)."""
+    interval = float(np.median(np.diff(time)))
     even = np.abs(np.diff(time) - interval) < 0.1 * interval
     good = even[2:] & even[1:-1] & even[:-2] & use[3:] & use[2:-1] & use[1:-2] & use[:-3]
-    third = np.diff(position, 3, axis=0)[good]
-    return float(np.sqrt(np.mean(np.median(third**2, axis=0)) / 0.4549 / 20.0)) if good.any() else math.nan
+    return np.asarray(np.diff(position, 3, axis=0)[good & (interval <= _DENSE)] / math.sqrt(20.0))
 
 
 def _left(kept: NDArray[np.intp]) -> int:

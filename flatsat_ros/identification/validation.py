@@ -1,24 +1,31 @@
 """Whether what a certificate assumes about drone and motion capture is so in flights: supported, contradicted, silent.
 
 A certificate holds for the drone it was made for: a thrust that is there, a lag and a delay, an attitude that goes
-where it is sent, a pose for each period. Flights can contradict that, and support it in what they show; nothing is
-proved.
+where it is sent, poses in time, bounds of noise and disturbance. Flights can contradict that, and support it in what
+they show; nothing is proved.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.identification.identified import Identified
+from flatsat_ros.certificate.flight import Axis
+from flatsat_ros.crazyflie.intervals import Interval, Intervals
+from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile
+from flatsat_ros.identification.disturbances import BANDWIDTH, disturbances, shared
+from flatsat_ros.identification.identified import NAMES, Identified
 from flatsat_ros.identification.log import FlightLog
 
 SUPPORTS, CONTRADICTS, SILENT = "supports", "contradicts", "silent"
 COVERED = 0.999  # share of the samples that must keep a bound
-_GAIN = 0.05  # from a gain of 1, up to which flights support it
+_GAIN = 0.05  # from a gain of 1, up to which flights support it where a certificate knows no other
 _ROUNDING = 1e-3  # s, of stamps
 
 
@@ -39,64 +46,170 @@ class Verdict:
     verdict: str
 
 
-def validate(certificate: Certificate, identified: Identified, logs: Sequence[FlightLog]) -> list[Verdict]:
+def validate(
+    certificate: Certificate, identified: Identified, logs: Sequence[FlightLog], vehicle: VehicleProfile | None = None
+) -> list[Verdict]:
     """Return a verdict on each assumption of a certificate.
 
     Args:
-        certificate: any.
+        certificate: of any kind.
         identified: what the flights tell of the drone.
-        logs: of the flights, for the times between poses.
+        logs: of the flights, for the times between poses and the errors of our controller.
+        vehicle: the drone's profile, with which the controller flies: its thrust map counts as known, and its intervals
+            are judged, too.
     """
-    return list(_verdicts(certificate, identified, logs))
+    if certificate.flight is None:
+        return [*_ideal(certificate, identified, logs), *_profile(vehicle, identified)]
+    return [*_flying(certificate, identified, logs, vehicle), *_profile(vehicle, identified)]
 
 
-def _verdicts(certificate: Certificate, identified: Identified, logs: Sequence[FlightLog]) -> Iterator[Verdict]:
-    most = certificate.limits.thrust_max
-    yield _at_most(
-        most, f"T_max = {most:.4g} m/s^2 is there", "thrust available", "m/s^2", identified, "thrust_available"
+def _ideal(certificate: Certificate, identified: Identified, logs: Sequence[FlightLog]) -> Iterator[Verdict]:
+    """Judge a certificate without a flight section."""
+    yield _thrust(certificate, identified)
+    total, lag = certificate.lag + certificate.delay, certificate.lag
+    bound = f"at most {lag:.4g} + {certificate.delay:.4g} s"
+    yield _interval("lag plus delay", identified, "lag_and_delay", (-math.inf, total), "s", bound)
+    yield _interval("thrust lag", identified, "thrust_lag", (-math.inf, lag), "s")
+    yield _interval("attitude gain", identified, "attitude_gain", (1.0 - _GAIN, 1.0 + _GAIN), "")
+    if certificate.robust is not None:
+        pushed, _ = disturbances(identified.flights, identified.common, np.zeros(3))
+        for name, sizes, most in zip(
+            ("push of x and y", "push of z"),
+            (np.hypot(pushed[:, 0], pushed[:, 1]), np.abs(pushed[:, 2])),
+            certificate.robust.push,
+            strict=True,
+        ):
+            yield _share(f"{name} up to {BANDWIDTH:.2g} Hz", sizes, float(most), "m/s^2")
+    yield _poses(certificate.period, certificate.period, logs)
+
+
+def _flying(
+    certificate: Certificate, identified: Identified, logs: Sequence[FlightLog], vehicle: VehicleProfile | None
+) -> Iterator[Verdict]:
+    """Judge a certificate with a flight section."""
+    flight = certificate.flight
+    assert flight is not None
+    sides, upright = flight.horizontal.box, flight.vertical.box
+    yield _thrust(certificate, identified)
+    total = sides.low.lead + sides.low.delay, sides.high.lead + sides.high.delay
+    yield _interval("lag plus delay", identified, "lag_and_delay", total, "s")
+    yield _interval("attitude gain", identified, "attitude_gain", (sides.low.gain, sides.high.gain), "")
+    if sides.low.frequency > 0.0:
+        wn, zeta = (sides.low.frequency, sides.high.frequency), (sides.low.damping, sides.high.damping)
+        yield _interval("natural frequency", identified, "natural_frequency", wn, "rad/s")
+        yield _interval("damping", identified, "damping", zeta, "")
+    yield _interval("thrust lag", identified, "thrust_lag", (upright.low.lag, upright.high.lag), "s")
+    known = None
+    if vehicle is not None:
+        known = vehicle.force_max / vehicle.mass
+        ratio = (vehicle.pwm_max / PWM_FULL) ** identified.common.figures.thrust_slope * known
+        gain = upright.low.gain * ratio, upright.high.gain * ratio
+        yield _interval("thrust scale", identified, "thrust_available", gain, "m/s^2")
+    pushed, change = disturbances(identified.flights, identified.common, _slowing(flight.axes, identified), known)
+    pushed = pushed / (identified.common.figures.attitude_gain, identified.common.figures.attitude_gain, 1.0)
+    yield _share(f"disturbance up to {BANDWIDTH:.2g} Hz", np.linalg.norm(pushed, axis=1), flight.disturbance, "m/s^2")
+    yield _share(f"its rate up to {BANDWIDTH:.2g} Hz", shared(change), flight.assumptions.disturbance_rate, "m/s^3")
+    yield _share("pose noise", 1e3 * shared(identified.noise), 1e3 * flight.assumptions.noise, "mm")
+    yield _poses(flight.assumptions.pose_age, certificate.period, logs)
+    errors = np.concatenate([log.errors for log in logs])
+    if len(errors):
+        yield _share("tube of x and y", np.hypot(errors[:, 0], errors[:, 1]), flight.horizontal.tube.position, "m")
+        yield _share("tube of z", np.abs(errors[:, 2]), flight.vertical.tube.position, "m")
+
+
+def _profile(vehicle: VehicleProfile | None, identified: Identified) -> Iterator[Verdict]:
+    """Judge the intervals of a profile, by the value that these flights have in common."""
+    known = Intervals() if vehicle is None or vehicle.intervals is None else vehicle.intervals
+    for name in NAMES:
+        interval, found = getattr(known, name), identified.figures[name]
+        if interval is None:
+            continue
+        verdict, shown = SILENT, "not told"
+        if found.interval is not None:
+            verdict = SUPPORTS if interval[0] <= found.value <= interval[1] else CONTRADICTS
+            shown = f"{found.value:.4g}"
+        yield Verdict(f"profile: {name}", f"[{interval[0]:.4g}, {interval[1]:.4g}]", shown, verdict)
+
+
+def _slowing(axes: tuple[Axis, Axis], identified: Identified) -> FloatArray:
+    """Return what of the slowing by the velocity (3,), 1/s, plants of the boxes have: the nearest to the drone's."""
+    figures = identified.common.figures
+    own = figures.drag_xy - GRAVITY * figures.velocity_tilt, figures.drag_z
+    nearest = [
+        float(np.clip(value, axis.box.low.drag + axis.box.low.tilt, axis.box.high.drag + axis.box.high.tilt))
+        for value, axis in zip(own, axes, strict=True)
+    ]
+    return np.array([nearest[0], nearest[0], nearest[1]])
+
+
+def _thrust(certificate: Certificate, identified: Identified) -> Verdict:
+    """Judge whether the largest thrust is there."""
+    least = certificate.limits.thrust_max
+    return _interval("thrust available", identified, "thrust_available", (least, math.inf), "m/s^2")
+
+
+def _interval(
+    name: str, identified: Identified, figure: str, assumed: Interval, unit: str, bound: str | None = None
+) -> Verdict:
+    """Judge a figure that must lie in an interval."""
+    if bound is None:
+        ends = [f"{end:.4g}" for end in assumed]
+        bound = f"[{ends[0]}, {ends[1]}]"
+        if not math.isfinite(assumed[0]):
+            bound = f"at most {ends[1]}"
+        elif not math.isfinite(assumed[1]):
+            bound = f"at least {ends[0]}"
+        bound = f"{bound} {unit}".strip()
+    found = identified.figures[figure]
+    if found.interval is None:
+        return Verdict(name, bound, "not told", SILENT)
+    low, high = found.interval
+    verdict = SILENT
+    if assumed[0] <= low and high <= assumed[1]:
+        verdict = SUPPORTS
+    elif high < assumed[0] or low > assumed[1]:
+        verdict = CONTRADICTS
+    return Verdict(name, bound, f"{found.value:.4g} [{low:.4g}, {high:.4g}] {unit}".strip(), verdict)
+
+
+def _share(name: str, sizes: FloatArray, most: float, unit: str) -> Verdict:
+    """Judge sizes (n,) that must not be above a bound, up to a share of COVERED."""
+    bound = f"at most {most:.4g} {unit}"
+    if len(sizes) == 0:
+        return Verdict(name, bound, "not told", SILENT)
+    half, nearly, worst = np.percentile(sizes, (50.0, 100.0 * COVERED, 100.0))
+    share = float(np.mean(sizes <= most))
+    shown = f"{half:.3g} / {nearly:.3g} / {worst:.3g} {unit} (50 % / {COVERED:.1%} / worst), {share:.2%} within"
+    return Verdict(name, bound, shown, SUPPORTS if share >= COVERED else CONTRADICTS)
+
+
+def _poses(age: float, period: float, logs: Sequence[FlightLog]) -> Verdict:
+    """Judge whether at nearly all times there is a pose that is no older than an age."""
+    between = between_poses(logs)
+    # a gap counts by the time it takes: in it, its share of all moments has no pose that is new enough
+    share = 1.0 - float(np.maximum(between - age - _ROUNDING, 0.0).sum() / between.sum())
+    shown = (
+        f"median {np.median(between):.3g} s apart, longest {between.max():.3g} s; no older than that {share:.2%} of "
+        f"the time, than {oldest(between, COVERED):.3g} s {COVERED:.1%}"
     )
-    total = certificate.lag + certificate.delay
-    bound = f"lag + delay = {certificate.lag:.4g} + {certificate.delay:.4g} s"
-    yield _at_least(total, bound, "lag plus delay", "s", identified, "lag_and_delay")
-    yield _at_least(certificate.lag, f"lag = {certificate.lag:.4g} s", "thrust lag", "s", identified, "thrust_lag")
-    gain = identified.figures["attitude_gain"]
-    shown, verdict = "not told", SILENT
-    if gain.interval is not None:
-        low, high = gain.interval
-        shown = f"{gain.value:.3g} [{low:.3g}, {high:.3g}]"
-        if not low <= 1.0 <= high:
-            verdict = CONTRADICTS
-        elif max(high - 1.0, 1.0 - low) <= _GAIN:
-            verdict = SUPPORTS
-    yield Verdict("attitude gain", "1", shown, verdict)
-    yield _gaps(certificate.period, logs)
+    bound = f"a pose each {age:.4g} s" if age == period else f"at most {age:.4g} s old"
+    return Verdict("pose gaps", bound, shown, SUPPORTS if share >= COVERED else CONTRADICTS)
 
 
-def _at_most(value: float, bound: str, name: str, unit: str, identified: Identified, figure: str) -> Verdict:
-    """Judge a value that must be there."""
-    found = identified.figures[figure]
-    if found.interval is None:
-        return Verdict(name, bound, "not told", SILENT)
-    low, high = found.interval
-    verdict = SUPPORTS if value <= low else CONTRADICTS if value > high else SILENT
-    return Verdict(name, bound, f"{found.value:.4g} [{low:.4g}, {high:.4g}] {unit}", verdict)
+def between_poses(logs: Sequence[FlightLog]) -> FloatArray:
+    """Return the times (n,) between poses that have a position, s."""
+    return np.concatenate([np.diff(np.unique(log.pose_time[np.isfinite(log.position).all(axis=1)])) for log in logs])
 
 
-def _at_least(value: float, bound: str, name: str, unit: str, identified: Identified, figure: str) -> Verdict:
-    """Judge a value that must not be exceeded."""
-    found = identified.figures[figure]
-    if found.interval is None:
-        return Verdict(name, bound, "not told", SILENT)
-    low, high = found.interval
-    verdict = SUPPORTS if high <= value else CONTRADICTS if low > value else SILENT
-    return Verdict(name, bound, f"{found.value:.4g} [{low:.4g}, {high:.4g}] {unit}", verdict)
+def oldest(between: FloatArray, coverage: float) -> float:
+    """Return an age, s, above which the newest pose is at no more than 1 - coverage of all moments.
 
-
-def _gaps(period: float, logs: Sequence[FlightLog]) -> Verdict:
-    """Judge whether there is a pose for each period."""
-    between = np.concatenate([np.diff(np.unique(log.pose_time[np.isfinite(log.position).all(axis=1)])) for log in logs])
-    # a gap counts by the time it takes: in it, its share of all moments has no new pose
-    late = np.maximum(between - period - _ROUNDING, 0.0)
-    share = 1.0 - float(late.sum() / between.sum())
-    shown = f"median {np.median(between):.3g} s, longest {between.max():.3g} s, new enough {share:.3%} of the time"
-    return Verdict("pose gaps", f"a pose each {period:.4g} s", shown, SUPPORTS if share >= COVERED else CONTRADICTS)
+    Args:
+        between: (n,) times between poses, s.
+        coverage: below 1.
+    """
+    allowed, gaps = (1.0 - coverage) * float(between.sum()), np.sort(between)[::-1]
+    # of the k longest gaps, the age a leaves sum(g_i) - k a
+    total = np.cumsum(gaps)
+    ages = (total - allowed) / np.arange(1, len(gaps) + 1)
+    return float(max(ages.max(), 0.0))

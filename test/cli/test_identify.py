@@ -14,9 +14,12 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.strict_yaml import read_yaml
 from flatsat_ros.cli import validate
 from flatsat_ros.cli.identify import bag_log, main
 from flatsat_ros.crazyflie.vehicle import load_vehicle
+from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.identification.log import FlightLog
 
 pytestmark = pytest.mark.in_process
@@ -35,8 +38,11 @@ def flight(log: FlightLog, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write(log, tmp_path_factory.mktemp("logs") / "flight.csv")
 
 
-def write_bag(log: FlightLog, folder: Path, drones: tuple[str, ...]) -> Path:
-    """A bag in which drones fly alike, as crazyswarm2's cflib back end has them (pitch set-point negative)."""
+def write_bag(log: FlightLog, folder: Path, drones: tuple[str, ...], telemetry: bool = False) -> Path:
+    """A bag in which drones fly alike, as crazyswarm2's cflib back end has them (pitch set-point negative).
+
+    The telemetry has the position for the error, in FLY but for the first row.
+    """
     header = T["std_msgs/msg/Header"](T["builtin_interfaces/msg/Time"](0, 0), "world")
     vector = T["geometry_msgs/msg/Vector3"]
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
@@ -59,6 +65,14 @@ def write_bag(log: FlightLog, folder: Path, drones: tuple[str, ...]) -> Path:
             for drone in drones:
                 put(f"/{drone}/pose", T["geometry_msgs/msg/PoseStamped"](header, pose), time)
                 put(f"/{drone}/cmd_vel_legacy", twist, time)
+                if telemetry:
+                    row = dict.fromkeys(FIELDS, 0.0) | {"mode": Mode.FLY.value if time > 0.0 else Mode.IDLE.value}
+                    row |= dict(zip(("error_x", "error_y", "error_z"), place, strict=True))
+                    layout = T["std_msgs/msg/MultiArrayLayout"](
+                        [T["std_msgs/msg/MultiArrayDimension"](",".join(FIELDS), len(FIELDS), len(FIELDS))], 0
+                    )
+                    array = T["std_msgs/msg/Float64MultiArray"](layout, np.array(list(row.values())))
+                    put(f"/{drone}/flatsat/telemetry", array, time)
     return folder
 
 
@@ -138,3 +152,31 @@ def test_flights_contradict_a_certificate_by_an_exit_code(flight: Path, capsys: 
     assert "paper_experiment: contradicted in thrust available, lag plus delay, thrust lag" in printed
     assert validate.main([str(flight), "--certificate", "no_such"]) == 2
     assert "no packaged configuration 'no_such'" in capsys.readouterr().err
+
+
+def test_flights_say_what_a_certificate_for_their_drone_may_assume(
+    flight: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    written = tmp_path / "assumptions.yaml"
+    asked = [str(flight), "--vehicle", "cf2x_2025", "--certificate", "paper_experiment", "--write", str(written)]
+    assert validate.main(asked) == 2
+    assert "at least 1000 for a coverage of 0.999: more flights, or a smaller one" in capsys.readouterr().err
+    assert not written.exists()
+    assert validate.main([*asked, "--coverage", "0.99"]) == 1
+    assert f"written to {written}" in capsys.readouterr().out
+    document = read_yaml(written)
+    assert set(document) == {"disturbance_rate", "noise", "pose_age", "lag", "delay", "gain"}
+    assert document["gain"][0] < 0.922 < document["gain"][1]
+    for options, text in (
+        (asked, "it exists: give --force to overwrite it"),
+        ([*asked[:-2], "--coverage", "0.9"], "--coverage, --force: they go with --write"),
+    ):
+        assert validate.main(options) == 2
+        assert text in capsys.readouterr().err
+
+
+def test_the_errors_of_our_controller_come_with_its_bag(log: FlightLog, tmp_path: Path) -> None:
+    bag = write_bag(log, tmp_path / "bag", ("cf1",), telemetry=True)
+    errors = bag_log(bag, None, "cflib").errors
+    assert_allclose(errors, np.stack([log.position[1:, axis] for axis in range(3)], axis=-1))
+    assert len(bag_log(write_bag(log, tmp_path / "other", ("cf1",)), None, "cflib").errors) == 0

@@ -6,7 +6,9 @@ import pytest
 from flown import fly
 
 from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
+from flatsat_ros.identification.identified import Identified, identify
 from flatsat_ros.identification.log import FlightLog
+from flatsat_ros.identification.screening import screen
 
 
 @pytest.fixture(scope="session")
@@ -23,3 +25,9 @@ def weak() -> VehicleProfile:
 def logs(weak: VehicleProfile) -> list[FlightLog]:
     """Two flights of it: 30 ms of delay, 0.3 mm of noise, markers askew by 0.01 and -0.02 rad, 90 % of its force."""
     return fly(weak, range(2), seconds=12.0, noise=3e-4, frame=(0.01, -0.02), weight=0.9)
+
+
+@pytest.fixture(scope="session")
+def found(logs: list[FlightLog]) -> Identified:
+    """What they tell, with cf21 as the base."""
+    return identify([screen(log) for log in logs], load_vehicle("cf21"))

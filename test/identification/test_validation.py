@@ -5,24 +5,38 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 
-from flatsat_ros.certificate.certificate import load_certificate
+from flatsat_ros.base.constants import GRAVITY
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.resources import config_path
+from flatsat_ros.base.strict_yaml import read_yaml
+from flatsat_ros.certificate.certificate import Certificate, load_certificate
+from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.crazyflie.intervals import Intervals
+from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
+from flatsat_ros.identification.assumptions import assumptions
+from flatsat_ros.identification.disturbances import disturbances, shared
 from flatsat_ros.identification.identified import NAMES, Figure, Identified
 from flatsat_ros.identification.log import FlightLog
-from flatsat_ros.identification.validation import validate
+from flatsat_ros.identification.residuals import REACH, Flight, misfit
+from flatsat_ros.identification.screening import STEP
+from flatsat_ros.identification.validation import CONTRADICTS, SILENT, SUPPORTS, oldest, validate
 
 LOOP = load_certificate("cf21_50hz")
+FLYING = Certificate.from_document(read_yaml(config_path("cf21_flight_50hz")))  # not proved again here
 IMMEDIATE = load_certificate("paper_experiment")
 
 
-def found(**intervals: tuple[float, float] | None) -> Identified:
+def told(**intervals: tuple[float, float] | None) -> Identified:
     """What flights tell, with these intervals; nothing of the rest."""
     figures = {
         name: Figure(np.mean(ends) if (ends := intervals.get(name)) else 0.0, ends, 3 if ends else 0, ())
         for name in NAMES
     }
-    nothing = cast(Any, None)
-    return Identified((), nothing, figures, nothing, nothing, 0.0)
+    return Identified((), cast(Any, None), figures, np.empty((0, 3)), 0.0)
 
 
 def log(*between: float) -> FlightLog:
@@ -52,7 +66,7 @@ def test_a_bound_is_supported_contradicted_or_neither_by_where_the_interval_lies
 ) -> None:
     for ends, verdict in (((-0.04, -0.01), "supports"), ((0.01, 0.04), "contradicts"), ((-0.01, 0.01), "silent")):
         low, high = sorted(offset + scale * end for end in ends)
-        verdicts = {each.assumption: each for each in validate(LOOP, found(**{figure: (low, high)}), [log(0.02)])}
+        verdicts = {each.assumption: each for each in validate(LOOP, told(**{figure: (low, high)}), [log(0.02)])}
         assert verdicts.pop(name).verdict == verdict
         assert verdicts.pop("pose gaps").verdict == "supports"
         assert {each.verdict for each in verdicts.values()} == {"silent"}
@@ -66,12 +80,12 @@ def test_a_bound_is_supported_contradicted_or_neither_by_where_the_interval_lies
 def test_a_certificate_assumes_that_the_attitude_goes_where_it_is_sent(
     interval: tuple[float, float] | None, verdict: str
 ) -> None:
-    judged = validate(LOOP, found(attitude_gain=interval), [log(0.02)])
+    judged = validate(LOOP, told(attitude_gain=interval), [log(0.02)])
     assert {each.assumption: each.verdict for each in judged}["attitude gain"] == verdict
 
 
 def test_a_certificate_without_lag_is_contradicted_by_any() -> None:
-    judged = validate(IMMEDIATE, found(lag_and_delay=(0.07, 0.09)), [log(0.02)])
+    judged = validate(IMMEDIATE, told(lag_and_delay=(0.07, 0.09)), [log(0.02)])
     assert {each.assumption: each.verdict for each in judged}["lag plus delay"] == "contradicts"
 
 
@@ -80,7 +94,7 @@ def test_a_certificate_without_lag_is_contradicted_by_any() -> None:
     [((0.02,), "supports"), ((0.01,), "supports"), ((0.0202,), "supports"), ((0.04,), "contradicts")],
 )
 def test_poses_must_come_each_period(between: tuple[float, ...], verdict: str) -> None:
-    judged = validate(LOOP, found(), [log(*between)])
+    judged = validate(LOOP, told(), [log(*between)])
     assert {each.assumption: each.verdict for each in judged}["pose gaps"] == verdict
 
 
@@ -90,7 +104,153 @@ def test_a_hole_counts_by_the_time_that_it_takes() -> None:
         time = holed.pose_time.copy()
         time[250:] += hole
         moved = dataclasses.replace(holed, pose_time=time)
-        return {each.assumption: each.verdict for each in validate(LOOP, found(), [moved])}["pose gaps"]
+        return {each.assumption: each.verdict for each in validate(LOOP, told(), [moved])}["pose gaps"]
 
     assert share(0.012) == "supports"  # 1 ms too long, of 5 s
     assert share(0.1) == "contradicts"
+
+
+@given(st.lists(st.floats(1e-4, 1.0), min_size=1, max_size=30), st.floats(0.5, 0.9999))
+def test_the_newest_pose_is_older_than_the_oldest_for_no_more_than_what_is_left_over(
+    gaps: list[float], coverage: float
+) -> None:
+    between = np.array(gaps)
+
+    def share(age: float) -> float:
+        return float(np.maximum(between - age, 0.0).sum() / between.sum())
+
+    age = oldest(between, coverage)
+    assert 0.0 < age < between.max()
+    assert share(age) == pytest.approx(1.0 - coverage, rel=1e-6)
+
+
+def test_a_push_that_moves_the_drone_is_found_as_a_disturbance(found: Identified) -> None:
+    size, rate = 0.03, 2.0 * np.pi * 0.4  # m, rad/s: 0.19 m/s^2
+    flight = found.flights[0]
+    samples = flight.motion.samples
+    time = np.arange(len(samples.position)) * STEP
+    moved = samples.position.copy()
+    moved[:, 2] += size * np.sin(rate * time)
+    shaken = Flight.of(dataclasses.replace(samples, position=moved))
+    common = dataclasses.replace(found.common, misfits=(misfit(shaken, found.common.of(0)),))
+    pushed, change = disturbances([shaken], common)
+    at = shaken.position_at * STEP
+    drag = found.common.figures.drag_z
+    expected = size * (-(rate**2) * np.sin(rate * at) + drag * rate * np.cos(rate * at))
+    assert_allclose(pushed[:, 2], expected, atol=0.05)
+    noise = 3e-4 * np.sqrt(6.0) / (REACH * STEP) ** 2  # of the poses
+    root = np.sqrt(np.mean(change[:, 2] ** 2))
+    assert root == pytest.approx(np.hypot(size * rate**3, noise * 2.0 / 0.1) / np.sqrt(2.0), rel=0.15)
+    assert shared(np.array([[3.0, 4.0, 1.0], [3.0, 4.0, -6.0]])).tolist() == [5.0, 6.0]
+
+
+def test_drag_that_is_not_modelled_and_thrust_that_is_not_there_disturb(found: Identified) -> None:
+    flight, figures = found.flights[0], found.common.figures
+    common = dataclasses.replace(found.common, misfits=found.common.misfits[:1])
+    known, _ = disturbances([flight], common)
+    simple, _ = disturbances([flight], common, np.zeros(3), 1.1 * common.misfits[0].thrust_full)
+    velocity = flight.drifted / (REACH * STEP) ** 2
+    slowing = figures.drag_xy - GRAVITY * figures.velocity_tilt
+    assert_allclose(simple[:, :2], known[:, :2] - slowing * velocity[:, :2])
+    assert_allclose(simple[:, 2], known[:, 2] - figures.drag_z * velocity[:, 2] + (1.0 / 1.1 - 1.0) * GRAVITY)
+
+
+def verdicts(
+    certificate: Certificate, found: Identified, logs: list[FlightLog], vehicle: VehicleProfile | None = None
+) -> dict[str, str]:
+    return {each.assumption: each.verdict for each in validate(certificate, found, logs, vehicle)}
+
+
+def test_a_flight_certificate_is_judged_by_all_that_it_assumes(
+    found: Identified, logs: list[FlightLog], weak: VehicleProfile
+) -> None:
+    judged = verdicts(FLYING, found, logs)
+    assert judged["attitude gain"] == CONTRADICTS  # 0.8 for 1
+    assert judged["pose gaps"] == CONTRADICTS  # poses each 10 ms are up to 10 ms old
+    assert judged["pose noise"] == CONTRADICTS  # 0.3 mm, more than 0.5 mm in a plane at times
+    names = {name.partition(" up to")[0] for name in judged}
+    assert {"lag plus delay", "thrust lag", "thrust available", "disturbance", "its rate"} <= names
+    assert "tube of z" not in judged
+
+    flight = FLYING.flight
+    assert flight is not None
+    box = flight.horizontal.box
+    low = dataclasses.replace(box.low, gain=0.5, lag=1e-3, delay=0.0)
+    high = dataclasses.replace(box.high, gain=1.5, lag=0.5)
+    sides = dataclasses.replace(flight.horizontal, box=Box(low, high))
+    wide = dataclasses.replace(
+        flight,
+        disturbance=5.0,
+        horizontal=sides,
+        assumptions=dataclasses.replace(flight.assumptions, disturbance_rate=20.0, noise=0.01, pose_age=0.02),
+    )
+    generous = verdicts(dataclasses.replace(FLYING, flight=wide), found, logs)
+    assert {name for name, verdict in generous.items() if verdict == CONTRADICTS} == {"thrust available"}
+    assert generous["attitude gain"] == generous["pose noise"] == generous["pose gaps"] == SUPPORTS
+
+    own = dataclasses.replace(weak, force_max=weak.force_max * 0.7)  # takes the drone for weaker than it is
+    scale = found.common.misfits[0].thrust_full / (own.force_max / own.mass)
+    assert scale == pytest.approx(0.9 / 0.7, rel=0.05)
+    assert verdicts(dataclasses.replace(FLYING, flight=wide), found, logs, own)["thrust scale"] == CONTRADICTS
+
+
+def test_the_tube_as_flown_is_judged_where_our_controller_flew(found: Identified, logs: list[FlightLog]) -> None:
+    assert FLYING.flight is not None
+    sides, upright = FLYING.flight.horizontal.tube.position, FLYING.flight.vertical.tube.position
+    inside = np.tile((0.6 * sides, -0.6 * sides, -0.9 * upright), (1000, 1))
+    for count, verdict in ((1, SUPPORTS), (2, CONTRADICTS)):
+        outside = inside.copy()
+        outside[:count] *= 1.3
+        flown = [dataclasses.replace(logs[0], errors=outside), logs[1]]
+        judged = verdicts(FLYING, found, flown)
+        assert judged["tube of x and y"] == judged["tube of z"] == verdict
+
+
+def test_a_robust_certificate_is_judged_by_the_push_that_it_withstands(
+    found: Identified, logs: list[FlightLog]
+) -> None:
+    robust = load_certificate("paper_robust")
+    assert robust.robust is not None
+    strong = dataclasses.replace(robust, robust=dataclasses.replace(robust.robust, push=np.array([3.0, 3.0])))
+    for certificate, verdict in ((robust, CONTRADICTS), (strong, SUPPORTS)):
+        judged = {name.partition(" up to")[0]: each for name, each in verdicts(certificate, found, logs).items()}
+        assert judged["push of x and y"] == judged["push of z"] == verdict
+
+
+def test_the_intervals_of_a_profile_are_judged(weak: VehicleProfile) -> None:
+    drone = dataclasses.replace(
+        weak, intervals=Intervals(attitude_gain=(0.7, 0.75), drag_xy=(0.3, 0.5), damping=(0.4, 0.5))
+    )
+    tells = told(attitude_gain=(0.6, 0.95), drag_xy=(0.2, 0.6))
+    judged = verdicts(LOOP, tells, [log(0.02)], drone)
+    assert judged["profile: attitude_gain"] == CONTRADICTS
+    assert judged["profile: drag_xy"] == SUPPORTS
+    assert judged["profile: damping"] == SILENT
+
+
+def test_what_is_written_covers_the_share_that_it_says(found: Identified, logs: list[FlightLog]) -> None:
+    base = load_vehicle("cf21")
+    written = assumptions(found, logs, base, 0.99)
+    for name, values in (("disturbance_rate", disturbances(found.flights, found.common)[1]), ("noise", found.noise)):
+        assert np.mean(shared(values) <= written[name]) == pytest.approx(0.99, abs=1.0 / len(values)), name
+    assert written["pose_age"] == pytest.approx(0.01, rel=0.02)
+    lag, delay, gain = (np.array(written[name]) for name in ("lag", "delay", "gain"))
+    total = found.figures["lag_and_delay"].interval
+    assert total is not None
+    assert delay[0] == base.delay
+    assert delay[1] == pytest.approx(found.common.delays.max())
+    assert lag[0] + delay[1] <= total[0] + 1e-12
+    assert lag[1] + delay[0] >= total[1] - 1e-12
+    assert tuple(gain) == found.figures["attitude_gain"].interval
+
+
+def test_what_too_few_samples_cannot_show_is_not_written(found: Identified, logs: list[FlightLog]) -> None:
+    base = load_vehicle("cf21")
+    with pytest.raises(FlatsatError, match=r"samples of disturbance_rate = \d+: must be at least 1000 .*more flights"):
+        assumptions(found, logs, base)
+    for coverage in (0.5, 1.0, float("nan")):
+        with pytest.raises(FlatsatError, match="coverage"):
+            assumptions(found, logs, base, coverage)
+    hidden = dataclasses.replace(found, figures={**found.figures, "attitude_gain": Figure(1.0, None, 0, ())})
+    with pytest.raises(FlatsatError, match="do not tell attitude gain, lag and delay"):
+        assumptions(hidden, logs, base, 0.99)
