@@ -47,6 +47,7 @@ setup(
             "calibrate_hover = flatsat_ros.nodes.programs:calibrate_hover",
             "sim_drone = flatsat_ros.nodes.programs:sim_drone",
             "mocap_player = flatsat_ros.nodes.programs:mocap_player",
+            "record = flatsat_ros.nodes.programs:record",
             "plan = flatsat_ros.cli.plan:main",
             "synthesize = flatsat_ros.cli.synthesize:main",
             "demo = flatsat_ros.cli.demo:main",

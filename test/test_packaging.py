@@ -31,6 +31,7 @@ EXECUTABLES = [
     "identify",
     "mocap_player",
     "plan",
+    "record",
     "report",
     "reproduce",
     "sim_drone",

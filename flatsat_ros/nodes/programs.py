@@ -36,6 +36,11 @@ def calibrate_hover(argv: Sequence[str] | None = None) -> int:
     return _run("calibrate_hover", argv)
 
 
+def record(argv: Sequence[str] | None = None) -> int:
+    """Run the recorder of bags."""
+    return _run("recorder", argv)
+
+
 def console(argv: Sequence[str] | None = None) -> int:
     """Run the page that shows and commands the drones."""
     return _run("console", argv)

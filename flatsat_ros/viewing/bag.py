@@ -103,14 +103,11 @@ def opened(path: Path) -> Iterator[Any]:
     """
     try:
         from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     except ImportError as error:
         raise unreadable(path, "a bag needs rosbags, pip install rosbags") from error
     _check_bag(path)
     try:
-        known = get_typestore(Stores.ROS2_JAZZY)
-        for name, definition in _DEFINITIONS.items():
-            known.register(get_types_from_msg(definition, name))
+        known = known_types()
         with AnyReader([path], default_typestore=known) as reader:
             if any(connection.msgtype not in reader.typestore.fielddefs for connection in reader.connections):
                 defined = reader.typestore.fielddefs
@@ -122,6 +119,16 @@ def opened(path: Path) -> Iterator[Any]:
         text = one_line(str(error), 150)
         reason = text if " " in text else f"{type(error).__name__} {text}".strip()  # a key alone says nothing
         raise unreadable(path, f"{reason}; if it is damaged, {_remedy(path)} may help") from error
+
+
+def known_types() -> Any:
+    """Return rosbags' store of the types that need no definition: those of ROS 2 Jazzy and motion_capture_tracking."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    known = get_typestore(Stores.ROS2_JAZZY)
+    for name, definition in _DEFINITIONS.items():
+        known.register(get_types_from_msg(definition, name))
+    return known
 
 
 def _check_bag(path: Path) -> None:

@@ -19,6 +19,7 @@ from flatsat_ros.nodes.calibrate_hover import CalibrateHover
 from flatsat_ros.nodes.cflib_bridge import CflibBridge
 from flatsat_ros.nodes.controller_node import ControllerNode
 from flatsat_ros.nodes.mocap_player import MocapPlayer
+from flatsat_ros.nodes.recorder import Recorder
 from flatsat_ros.nodes.ros import interfaces
 from flatsat_ros.nodes.sim_drone import SimDrone
 
@@ -27,12 +28,14 @@ NODES = {
     "sim_drone": SimDrone,
     "mocap_player": MocapPlayer,
     "calibrate_hover": CalibrateHover,
+    "record": Recorder,
     **({"cflib_bridge": CflibBridge} if find_spec("cflib") else {}),
 }
 # what a node does not start without, as {folder} of the test's, and what makes it offer all that it can offer
 GIVEN = {
     "mocap_player": {"file": "{folder}/recording.csv"},
     "calibrate_hover": {"output": "{folder}/mine.yaml"},
+    "record": {"output": "{folder}/bag"},
     "cflib_bridge": {"pose_rate": "50.0", "external_pose": "pose"},
 }
 # defaults that are put into words

@@ -9,7 +9,7 @@ import pytest
 
 from flatsat_ros.nodes import programs
 
-NAMES = ("controller", "sim_drone", "cflib_bridge", "mocap_player", "calibrate_hover")
+NAMES = ("controller", "sim_drone", "cflib_bridge", "mocap_player", "calibrate_hover", "record")
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from flatsat_ros.base.errors import FlatsatError, one_line, refusal
 from flatsat_ros.base.files import located, unwritable
 from flatsat_ros.identification.recording import POSES, Recording
 from flatsat_ros.nodes.ros import messages
-from flatsat_ros.viewing.bag import POSE_READERS, opened
+from flatsat_ros.viewing.bag import POSE_READERS, known_types, opened
 
 
 def read_bag(path: str, topic: str = "", body: str = "") -> Recording:
@@ -77,32 +78,102 @@ class Recorded:
     cdr: bytes
 
 
+class BagWriter:
+    """An MCAP bag that is written message by message, and can be read once it is closed."""
+
+    def __init__(self, folder: Path) -> None:
+        """Make the bag, a new folder.
+
+        Raises:
+            FlatsatError: rosbags is not installed, or the folder exists or cannot be made.
+        """
+        try:
+            from rosbags.rosbag2 import StoragePlugin, Writer
+        except ImportError as error:
+            raise unwritable(folder, "a bag needs rosbags, pip install rosbags") from error
+        self._folder, self._typestore = folder, known_types()
+        self._connections: dict[str, Any] = {}
+        with self._told():
+            self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+            self._writer.open()
+
+    def write(self, entry: Recorded) -> None:
+        """Write one message; all of a topic have the same type.
+
+        Raises:
+            FlatsatError: the bag cannot be written.
+            LookupError: the definition of the type is not to be had, without which nobody can read it.
+        """
+        connection = self._connections.get(entry.topic)
+        if connection is None:
+            if entry.kind not in self._typestore.fielddefs:
+                self._define(entry.kind)
+            with self._told():
+                connection = self._writer.add_connection(entry.topic, entry.kind, typestore=self._typestore)
+            self._connections[entry.topic] = connection
+        with self._told():
+            self._writer.write(connection, entry.time, entry.cdr)
+
+    def close(self) -> None:
+        """Write what is left.
+
+        Raises:
+            FlatsatError: the bag cannot be written.
+        """
+        with self._told():
+            self._writer.close()
+
+    def _define(self, kind: str) -> None:
+        """Take the types of a package from where it is installed.
+
+        Raises:
+            LookupError: there are no such definitions.
+        """
+        from ament_index_python import get_package_share_directory
+        from rosbags.typesys import TypesysError, get_types_from_msg
+
+        package = kind.partition("/")[0]
+        try:
+            folder = Path(get_package_share_directory(package), "msg")
+            found: dict[str, Any] = {}
+            for file in folder.glob("*.msg"):
+                found |= get_types_from_msg(file.read_text(encoding="utf-8"), f"{package}/msg/{file.stem}")
+            self._typestore.register(
+                {name: fields for name, fields in found.items() if name not in self._typestore.types}
+            )
+        except (LookupError, OSError, ValueError, TypesysError) as error:
+            raise LookupError(f"the definition of {kind} is not to be had: {one_line(str(error))}") from error
+        if kind not in self._typestore.fielddefs:
+            raise LookupError(f"the definition of {kind} is not in {folder}")
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        """Refuse in one line what rosbags cannot write."""
+        from rosbags.rosbag2 import WriterError
+
+        try:
+            yield
+        except (WriterError, OSError) as error:
+            raise unwritable(self._folder, error) from error
+
+
 def write_bag(folder: Path, recorded: Sequence[Recorded]) -> None:
     """Write messages into an MCAP bag, replacing the folder; a failure leaves the old one.
 
     Raises:
         FlatsatError: rosbags is not installed, or the bag cannot be written.
     """
-    try:
-        from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise unwritable(folder, "a bag needs rosbags, pip install rosbags") from error
-    typestore = get_typestore(Stores.ROS2_JAZZY)
     # rosbags names the file after the folder it is written to: same name, one level down
     partial = folder.parent / ".part" / folder.name
     try:
         shutil.rmtree(partial.parent, ignore_errors=True)
         partial.parent.mkdir(parents=True)
-        with Writer(partial, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-            connections = {
-                topic: writer.add_connection(topic, kind, typestore=typestore)
-                for topic, kind in {entry.topic: entry.kind for entry in recorded}.items()
-            }
-            for entry in recorded:
-                writer.write(connections[entry.topic], entry.time, entry.cdr)
+        writer = BagWriter(partial)
+        for entry in recorded:
+            writer.write(entry)
+        writer.close()
         shutil.rmtree(folder, ignore_errors=True)
         partial.rename(folder)
         partial.parent.rmdir()
-    except (WriterError, OSError) as error:
+    except OSError as error:
         raise unwritable(folder, error) from error
