@@ -193,7 +193,7 @@ def _errors(ticks: Channel) -> FloatArray:
     """Return the position errors (T, 3), m, of the ticks in FLY that have one."""
     import numpy as np
 
-    from flatsat_ros.flight.supervisor import Mode
+    from flatsat_ros.flight.modes import Mode
 
     errors = np.stack([ticks.column(f"error_{axis}") for axis in "xyz"], axis=-1)
     return np.asarray(errors[(ticks.column("mode") == Mode.FLY) & np.isfinite(errors).all(axis=1)])

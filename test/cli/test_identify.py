@@ -18,7 +18,7 @@ from flatsat_ros.base.strict_yaml import read_yaml
 from flatsat_ros.cli import validate
 from flatsat_ros.cli.identify import bag_log, main
 from flatsat_ros.crazyflie.vehicle import load_vehicle
-from flatsat_ros.flight.supervisor import Mode
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.identification.log import FlightLog
 
