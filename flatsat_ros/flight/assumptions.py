@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.flight import Axis, Flight
 from flatsat_ros.certificate.flight_loop import FlightLoop
 from flatsat_ros.flight.known import known
+from flatsat_ros.flight.references import References
 
 # d^ is compared with what it was this time, s, before, which is the bandwidth at which its rate is assumed; how often
 _RATE_TIME = 1.0
@@ -29,7 +31,10 @@ _OUTSIDE = 0.5
 _JUMP, _JUMP_VELOCITY = 1e-3, 1e-2
 # the same assumption is told again after so long, s
 _SILENCE = 5.0
+# a pose so far, m, from where the model expects it is not the model's: its estimate begins anew
+_LOST = 0.15
 _ROUNDING = 1e-9
+_TINY = 1e-12
 _INSTANT = 1e-6  # s: what stamps are rounded by
 
 
@@ -59,7 +64,7 @@ _WORDS = {
     Assumption.GAIN: ("its applied gain is outside the interval", 1.0, ""),
     Assumption.TUBE: ("it is outside its tube although all seems to be as assumed", 1e2, "cm"),
 }
-# the quantities that are watched at each tick, in the order of their columns
+# the quantities that are watched, in the order of their columns: scalars, then sizes of vectors
 _COLUMNS = (
     Assumption.POSE_AGE,
     Assumption.PERIOD,
@@ -73,26 +78,48 @@ _WHICH = np.array(_COLUMNS)
 _START, _TUBE = Assumption.START.value, Assumption.TUBE.value
 
 
+class Seen(NamedTuple):
+    """What a tick shows of N drones.
+
+    Attributes:
+        error: (N, 6) estimate less reference, m and m/s.
+        reference: (N, 9) at the tick.
+        age: (N,) of the pose used, s.
+        innovation: (N, 3) m.
+        disturbance: (N, 3) estimated, m/s^2.
+        gain: (N,) applied.
+        nominal: (N, 3) v0, m/s^2.
+    """
+
+    error: FloatArray
+    reference: FloatArray
+    age: FloatArray
+    innovation: FloatArray
+    disturbance: FloatArray
+    gain: FloatArray
+    nominal: FloatArray
+
+
 class Monitors:
     """Watches N drones.
 
     Attributes:
         broken: (N,) values of `Assumption`.
         ratio: (N,) distance to the reference over the tube, the larger of horizontal and vertical.
+        lost: (N,) whose poses are so far from where they are expected that its estimate is wrong.
     """
 
-    def __init__(self, flight: Flight, clip: float, count: int) -> None:
+    def __init__(self, flight: Flight, clip: float, references: References) -> None:
         """Watch drones of which nothing holds yet.
 
         Args:
             flight: what is assumed.
             clip: largest disturbance that is compensated, m/s^2.
-            count: N.
+            references: of N drones, and what they ask for.
         """
-        self._count, period = count, flight.horizontal.design.period
-        self._period = period
+        self._references, self._count = references, len(references.at_rest)
+        self._period = flight.horizontal.design.period
         bounds = [known(axis, flight.gain_min, flight.gain_max, flight.assumptions) for axis in flight.axes]
-        tubes = [axis.tube for axis in flight.axes]
         changes = [
             flight.assumptions.rate(axis.design.model, axis.box.low, axis.box.high) / axis.box.low.gain * _RATE_TIME
             + 2.0 * axis.tube.disturbance
@@ -100,86 +127,94 @@ class Monitors:
         ]
         self._bounds = np.array(
             [
-                flight.pose_age + _INSTANT, _GAP * period, *(bound.innovation for bound in bounds), clip, *changes, 1.0,
-                flight.gain_max, 1.0 / flight.gain_min,
+                flight.pose_age + _INSTANT, _GAP * self._period, *(bound.innovation for bound in bounds), clip, *changes,
+                1.0, flight.gain_max, 1.0 / flight.gain_min,
             ]
-        )  # fmt: skip
-        self._bounds *= 1.0 + _ROUNDING
-        self._tube = np.array([tube.position for tube in tubes])
+        ) * (1.0 + _ROUNDING)  # fmt: skip
+        self._tube = np.array([axis.tube.position for axis in flight.axes])
         self._uncertain = np.array([bound.position for bound in bounds])
         # of |e|, |e'| and |v0|, horizontal and vertical
-        self._inside = 1.0 / np.array([[getattr(t, n) for t in tubes] for n in ("position", "velocity", "nominal")])
-        self._enlarged = np.array([[b.position, b.velocity, 0.0] for b in bounds]).T
+        inside = np.array([[getattr(a.tube, n) for a in flight.axes] for n in ("position", "velocity", "nominal")])
+        self._inside = inside - np.array([[b.position, b.velocity, 0.0] for b in bounds]).T
         self._back = [axis.back for axis in flight.axes]
         self._settling = max(_settling(axis) for axis in flight.axes)
-        self._values = np.zeros((count, len(_COLUMNS)))
+        # e, e', v0, innovation, d^ and its change; while these squares are not exceeded, nothing is
+        self._vectors = np.zeros((self._count, 6, 3))
+        easy = np.array([self._tube, *inside[1:] * np.inf, self._bounds[2:4], [clip / 2.0] * 2, changes])
+        self._easy = easy * easy
         self._remembered: deque[FloatArray] = deque(maxlen=round(_RATE_TIME / _REMEMBERED) + 1)
-        self._every, self._ticks = max(1, round(_REMEMBERED / period)), 0
-        self._reference = np.zeros((count, 9))
+        self._every, self._ticks = max(1, round(_REMEMBERED / self._period)), 0
+        self._reference, self._assigned = np.zeros((self._count, 9)), 0
         self._now = -math.inf
-        self._settled = np.full(count, np.inf)  # when the estimates are
-        self._due = np.full(count, np.inf)  # when the start is forgotten
-        self._sizes = np.zeros((count, 2))  # of e
-        self._outside = np.zeros(count)  # s for which it has been outside without a reason
-        self._told = np.full((count, len(Assumption)), -np.inf)
-        self.broken = np.full(count, _START)
-        self.ratio = np.zeros(count)
+        self._settled = np.full(self._count, np.inf)  # when the estimates are
+        self._due = np.full(self._count, np.inf)  # when the start is forgotten
+        self._sizes, self._values = np.zeros((self._count, 3, 2)), np.zeros((self._count, len(_COLUMNS)))
+        self._outside = np.zeros(self._count)  # s for which it has been outside without a reason
+        self._told = np.full((self._count, len(Assumption)), -np.inf)
+        self._nothing, self._nobody = np.zeros(self._count, dtype=int), np.zeros(self._count, dtype=bool)
+        self.broken, self.lost = np.full(self._count, _START), self._nobody
+        self.ratio = np.zeros(self._count)
 
-    def look(
-        self,
-        now: float,
-        flying: np.ndarray,
-        error: FloatArray,
-        reference: FloatArray,
-        demand: FloatArray,
-        age: FloatArray,
-        innovation: FloatArray,
-        disturbance: FloatArray,
-        gain: FloatArray,
-        nominal: FloatArray,
-    ) -> None:
+    def look(self, now: float, flying: np.ndarray, seen: Seen) -> None:
         """Look at one tick.
 
         Args:
             now: s.
             flying: (N,) who is steered.
-            error: (N, 6) estimate less reference, m and m/s.
-            reference: (N, 9) at the tick.
-            demand: (N,) what the reference asks for, over what is assumed; 0 at rest.
-            age: (N,) of the pose used, s.
-            innovation: (N, 3) m.
-            disturbance: (N, 3) estimated, m/s^2.
-            gain: (N,) applied.
-            nominal: (N, 3) v0, m/s^2.
+            seen: at it.
         """
         elapsed, self._now = now - self._now, now
-        values = self._values
-        values[:, 0] = age
-        values[:, 1] = max(elapsed, (2.0 * self._period - elapsed))
-        _norms(innovation, values[:, 2:4])
-        values[:, 4] = np.sqrt((disturbance * disturbance).sum(axis=1))
-        self._remember(disturbance)
-        values[:, 7] = demand
-        h, before = self._period, self._reference
-        off = reference[:, :6] - before[:, :6] - (h / 2.0) * (reference[:, 3:] + before[:, 3:])
-        off[:, 3:] *= _JUMP / _JUMP_VELOCITY
-        jumped = np.abs(off).max(axis=1) > _JUMP
-        if np.count_nonzero(jumped):
-            values[jumped, 7] = np.inf
-        self._reference = reference
-        values[:, 8], values[:, 9] = gain, 1.0 / np.maximum(gain, 1e-12)
-
-        sizes = np.empty((self._count, 3, 2))
-        for entry, part in enumerate((error[:, :3], error[:, 3:], nominal)):
-            _norms(part, sizes[:, entry])
-        self._sizes = sizes[:, 0]
-        ratios = self._sizes / self._tube
-        self.ratio = ratios.max(axis=1)
-        over = values > self._bounds
-        if not np.count_nonzero(over) and flying.all() and now >= self._due.max() and not (ratios > 1.0).any():
-            self.broken, self._outside = np.zeros(self._count, dtype=int), np.zeros(self._count)
+        vectors = self._vectors
+        vectors[:, :2] = seen.error.reshape(-1, 2, 3)
+        vectors[:, 2], vectors[:, 3], vectors[:, 4] = seen.nominal, seen.innovation, seen.disturbance
+        self._ticks += 1
+        if self._ticks % self._every == 0:
+            self._remembered.append(seen.disturbance.copy())
+            np.subtract(seen.disturbance, self._remembered[0], out=vectors[:, 5])
+        squares = vectors * vectors
+        squares[..., 0] += squares[..., 1]
+        squares = squares[..., ::2]
+        self.ratio = np.sqrt((squares[:, 0] / self._easy[0]).max(axis=1))
+        even = max(elapsed, 2.0 * self._period - elapsed)
+        jumped = self._jumped(seen.reference)
+        if (
+            (squares <= self._easy).all()
+            and np.count_nonzero(flying) == self._count
+            and seen.age.max() <= self._bounds[0]
+            and even <= self._bounds[1]
+            and jumped is None
+            and self._references.demand.max() <= self._bounds[7]
+            and seen.gain.max() <= self._bounds[8]
+            and seen.gain.min() * self._bounds[9] >= 1.0
+            and self._due.max() <= now
+        ):
+            self.broken, self.lost = self._nothing, self._nobody
+            if np.count_nonzero(self._outside):
+                self._outside = np.zeros(self._count)
             return
-        self._judge(now, flying, sizes, over)
+        sizes = np.sqrt(squares)
+        self.lost = sizes[:, 3].max(axis=1) > _LOST
+        gain, demand = np.maximum(seen.gain, _TINY), self._references.demand
+        if jumped is not None:
+            demand = np.where(jumped, np.inf, demand)
+        self._sizes = sizes[:, :3]
+        self._values = np.column_stack(
+            [
+                seen.age, np.full(self._count, even), sizes[:, 3], np.sqrt(squares[:, 4].sum(axis=1)), sizes[:, 5], demand,
+                gain, 1.0 / gain,
+            ]
+        )  # fmt: skip
+        self._judge(now, flying, self._sizes, self._values > self._bounds)
+
+    def _jumped(self, reference: FloatArray) -> np.ndarray | None:
+        """Return whose references (N, 9) have moved on by another way than their velocity, if there are new ones."""
+        before, self._reference = self._reference, reference
+        if self._assigned == self._references.assigned:
+            return None
+        self._assigned = self._references.assigned
+        off = reference[:, :6] - before[:, :6] - (self._period / 2.0) * (reference[:, 3:] + before[:, 3:])
+        off[:, 3:] *= _JUMP / _JUMP_VELOCITY
+        return np.asarray(np.abs(off).max(axis=1) > _JUMP)
 
     def _judge(self, now: float, flying: np.ndarray, sizes: FloatArray, over: np.ndarray) -> None:
         """Find out what does not hold, at a tick at which it may be that something does not.
@@ -199,7 +234,7 @@ class Monitors:
                 back = np.maximum(back, np.log(np.maximum(start / (_FORGOTTEN * self._tube[part]), 1.0)) / way.rate)
             self._settled = np.where(anew, now + self._settling, self._settled)
             self._due = np.where(anew, now + np.maximum(back, self._settling), self._due)
-        within = ((sizes + self._enlarged) * self._inside <= 1.0).all(axis=(1, 2))
+        within = (sizes <= self._inside).all(axis=(1, 2))
         outside = (sizes[:, 0] - self._uncertain > self._tube).any(axis=1)
         due = now >= self._due
         holds = ~anew & ((within & (now >= self._settled)) | (due & ~outside))
@@ -233,25 +268,12 @@ class Monitors:
             return "tube not claimed yet: it comes from outside"
         text, factor, unit = _WORDS[which]
         if which is Assumption.TUBE:
-            part = int((self._sizes[index] / self._tube).argmax())
-            value, bound = self._sizes[index, part], self._tube[part]
+            part = int((self._sizes[index, 0] / self._tube).argmax())
+            value, bound = self._sizes[index, 0, part], self._tube[part]
         else:
             column = int((self._values[index] > self._bounds).argmax())
             value, bound = self._values[index, column], self._bounds[column]
         return f"tube not claimed: {text}, {factor * value:.3g} {unit}, bound {factor * bound:.3g} {unit}"
-
-    def _remember(self, disturbance: FloatArray) -> None:
-        """Compare the disturbances (N, 3), m/s^2, with those of some time before."""
-        self._ticks += 1
-        if self._ticks % self._every:
-            return
-        self._remembered.append(disturbance.copy())
-        _norms(disturbance - self._remembered[0], self._values[:, 5:7])
-
-
-def _norms(vectors: FloatArray, into: FloatArray) -> None:
-    """Write the horizontal and the vertical size of vectors (N, 3) into an array (N, 2)."""
-    into[:, 0], into[:, 1] = np.hypot(vectors[:, 0], vectors[:, 1]), np.abs(vectors[:, 2])
 
 
 def _settling(axis: Axis) -> float:

@@ -14,7 +14,7 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight import Flight
 from flatsat_ros.certificate.sets import Place
-from flatsat_ros.flight.assumptions import Assumption, Monitors
+from flatsat_ros.flight.assumptions import Assumption, Monitors, Seen
 from flatsat_ros.flight.estimator import Estimator
 from flatsat_ros.flight.guarantee import Assessment, GuaranteeMonitor
 from flatsat_ros.flight.policy import Policy
@@ -26,8 +26,7 @@ from flatsat_ros.law.controller import Output
 # of a reference's margin, this much at most may be spent on a disturbance; the rest is left to steer with
 _COMPENSATED_SHARE = 0.5
 _TINY = 1e-300
-# a pose so far, m, from where the model expects it is not the model's: its estimate begins anew
-_LOST = 0.15
+_NONE, _TUBE, _OUTSIDE = Assumption.NONE.value, Place.TUBE.value, Place.OUTSIDE.value
 
 
 class Aim(NamedTuple):
@@ -123,7 +122,7 @@ class PredictedLoop:
         self._most = min(policy.disturbance_max, flight.disturbance)
         self._predictor = Predictor(horizontal, vertical, count, flight.pose_age)
         self._preview = Preview(references, horizontal, vertical)
-        self._monitors = Monitors(flight, self._most, count)
+        self._monitors = Monitors(flight, self._most, references)
         self._feedback = -certificate.matrix[:, 3:]
         self._tubes = np.array([flight.horizontal.tube.position, flight.vertical.tube.position])
         self._now = 0.0
@@ -134,11 +133,11 @@ class PredictedLoop:
         """Move the model on, and predict from it."""
         predictor, estimator = self._predictor, self._estimator
         predictor.advance(now, estimator.newest, estimator.measured)
-        anew = ~flying | (np.abs(predictor.innovation).max(axis=1) > _LOST)
+        anew = ~flying | self._monitors.lost
         if np.count_nonzero(anew):
             predictor.restart(anew, estimated, now)
         self._now, self._reference = now, reference
-        state = np.concatenate([predictor.position, predictor.velocity], axis=1)
+        state = predictor.state
         self._error = state - reference[:, :6]
         most = np.minimum(self._most, _COMPENSATED_SHARE * self._references.margin)
         disturbance, _ = _shortened(predictor.disturbance, most, flying)
@@ -153,22 +152,23 @@ class PredictedLoop:
         monitors.look(
             self._now,
             flying,
-            self._error,
-            self._reference,
-            np.where(self._references.at_rest, 0.0, self._references.demand),
-            predictor.age,
-            predictor.innovation,
-            predictor.disturbance,
-            output.applied_gain,
-            output.error @ self._feedback,
+            Seen(
+                self._error,
+                self._reference,
+                predictor.age,
+                predictor.innovation,
+                predictor.disturbance,
+                output.applied_gain,
+                output.error @ self._feedback,
+            ),
         )
-        predictor.command(acceleration, np.where(flying[:, np.newaxis], self._needed, 0.0))
-        holds = monitors.broken == Assumption.NONE.value
-        inside = monitors.ratio <= 1.0
+        everybody = np.count_nonzero(flying) == flying.size
+        predictor.command(acceleration, self._needed if everybody else self._needed * flying[:, np.newaxis])
+        holds = monitors.broken == _NONE
         return Assessment(
             relative_level=monitors.ratio,
-            place=np.where(inside, Place.TUBE.value, Place.OUTSIDE.value),
-            kappa=np.where(holds, 1.0, 0.0),
+            place=np.where(monitors.ratio <= 1.0, _TUBE, _OUTSIDE),
+            kappa=holds.astype(np.float64),
             guaranteed=holds,
             broken=monitors.broken,
             tube=self._tubes,

@@ -78,14 +78,9 @@ class Predictor:
         self.innovation, self.age = np.zeros((count, 3)), np.full(count, np.inf)
 
     @property
-    def position(self) -> FloatArray:
-        """(N, 3) estimated at the tick, m."""
-        return self._state[:, _P]
-
-    @property
-    def velocity(self) -> FloatArray:
-        """(N, 3) estimated at the tick, m/s."""
-        return self._state[:, _V]
+    def state(self) -> FloatArray:
+        """(N, 6) estimated position and velocity at the tick, m and m/s."""
+        return np.asarray(self._state[:, :_A].reshape(-1, 6))
 
     @property
     def disturbance(self) -> FloatArray:
@@ -166,17 +161,17 @@ class Predictor:
         moments = self._moments
         stamps = np.maximum(stamps, moments[0].time)
         if float(stamps.min()) > moments[-2].time:  # all within the last period
-            first, last = moments[-2], moments[-1]
-            way = _between(first.time, first.way, first.after, last.time, last.way, last.before, stamps)
+            (begin, _, _, left), (end, way, arrived, _) = moments[-2], moments[-1]
         else:
             times = np.array([moment.time for moment in moments])
             index = np.clip(np.searchsorted(times, stamps), 1, len(times) - 1)
             each = np.arange(len(stamps))
-            ways = np.array([moment.way for moment in moments])
-            after = np.array([moment.after for moment in moments])[index - 1, each]
-            before = np.array([moment.before for moment in moments])[index, each]
+            way, arrived = (np.array([getattr(m, n) for m in moments])[index, each] for n in ("way", "before"))
+            left = np.array([moment.after for moment in moments])[index - 1, each]
             begin, end = times[index - 1][:, np.newaxis], times[index][:, np.newaxis]
-            way = _between(begin, ways[index - 1, each], after, end, ways[index, each], before, stamps)
+        # back from the end of a period, over which the velocity changes evenly
+        back = end - stamps[:, np.newaxis]
+        way = way - back * (arrived - back * ((arrived - left) / (2.0 * (end - begin))))
         np.copyto(self._anchor, positions - way, where=fresh[:, np.newaxis])
         return fresh
 
@@ -240,21 +235,3 @@ def _fill(loop: FlightLoop, depth: int, step: FloatArray, ahead: FloatArray, ref
     for entry in range(2, y):
         reference[entry] += ahead[entry]
         reference[entry - 1] += model.drag * ahead[entry]
-
-
-def _between(
-    begin: float | FloatArray,
-    start: FloatArray,
-    leaving: FloatArray,
-    end: float | FloatArray,
-    goal: FloatArray,
-    arriving: FloatArray,
-    times: FloatArray,
-) -> FloatArray:
-    """Return the cubics (N, 3) through a start and a goal (N, 3), with their velocities, at (N,) times."""
-    span = end - begin
-    back = (end - times[:, np.newaxis]) / span
-    way, first, last = goal - start, span * leaving, span * arriving
-    return np.asarray(
-        goal - back * (last - back * (2.0 * last + first - 3.0 * way + back * (2.0 * way - first - last)))
-    )

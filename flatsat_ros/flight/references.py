@@ -44,7 +44,8 @@ class References:
     Attributes:
         yaw: (N,) psi to hold, rad.
         margin: (N,) distance of the trajectories' accelerations to the boundary of the input set, m/s^2.
-        demand: (N,) what the trajectories ask for, over what a flight section assumes; at most 1 is kept.
+        demand: (N,) what the trajectories ask for, over what a flight section assumes; at most 1 is kept, 0 at rest.
+        assigned: how many trajectories were assigned so far.
         at_rest: (N,) whether the reference stays where it is for good: a set-point, or a trajectory that has ended.
     """
 
@@ -53,6 +54,7 @@ class References:
         self.yaw = np.zeros(count)
         self.margin = np.full(count, np.inf)
         self.demand = np.zeros(count)
+        self.assigned = 0
         self._trajectories: list[Trajectory | None] = [None] * count
         self.at_rest = np.ones(count, dtype=bool)
         self._present = Cursor(count)  # the segments that are flown now
@@ -62,6 +64,7 @@ class References:
     def assign(self, index: int, trajectory: Trajectory, margin: float, demand: float = 0.0) -> None:
         """Give drone index a new trajectory with its margin, m/s^2, and demand, in force from the next sample on."""
         self.margin[index], self.demand[index] = margin, demand
+        self.assigned += 1
         self._trajectories[index] = trajectory
         self.at_rest[index] = False
         for cursor in self._cursors:
@@ -73,6 +76,8 @@ class References:
         for index in self._present.seek(t, self._trajectories):
             self._resting[index, :3] = self._present.coefficients[index, 0]
             self.at_rest[index] = np.isinf(self._present.until[index])
+            if self.at_rest[index]:
+                self.demand[index] = 0.0
         if self.at_rest.all():
             return self._resting.copy()
         return evaluate(self._present.coefficients, t - self._present.origin)

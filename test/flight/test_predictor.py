@@ -79,7 +79,7 @@ def accustomed(design: Design, acceleration: FloatArray, needed: FloatArray) -> 
 def command(predictor: Predictor, designs: list[Design], reference: FloatArray, gain: float) -> FloatArray:
     """The law at the predicted state."""
     ahead = predictor.ahead(reference)
-    xi = np.concatenate([predictor.position, predictor.velocity], axis=1) + ahead - reference[:, :6]
+    xi = predictor.state + ahead - reference[:, :6]
     stiffness, rate = (np.array([getattr(d, name) for d in designs]) for name in ("stiffness", "rate"))
     return np.asarray(-predictor.disturbance - gain * (stiffness * xi[:, :3] + rate * xi[:, 3:]))
 
@@ -192,7 +192,7 @@ def test_poses_of_any_age_of_a_drone_that_moves_as_the_model_say_nothing_new(
         new = random.random(COUNT) < 0.8
         stamps = np.where(new, np.maximum(stamps, now - random.uniform(0.0, min(0.05, now), COUNT)), stamps)
         predictor.advance(now, stamps, truth(np.maximum(stamps, 0.0)))
-        np.testing.assert_allclose(predictor.position, truth(np.full(COUNT, now)), atol=1e-12)
+        np.testing.assert_allclose(predictor.state[:, :3], truth(np.full(COUNT, now)), atol=1e-12)
         np.testing.assert_allclose(predictor.innovation, 0.0, atol=1e-12)
 
 
