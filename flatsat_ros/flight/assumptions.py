@@ -127,8 +127,8 @@ class Monitors:
         ]
         self._bounds = np.array(
             [
-                flight.pose_age + _INSTANT, _GAP * self._period, *(bound.innovation for bound in bounds), clip, *changes,
-                1.0, flight.gain_max, 1.0 / flight.gain_min,
+                flight.pose_age + _INSTANT, _GAP * self._period, *(bound.innovation for bound in bounds), clip,
+                *changes, 1.0, flight.gain_max, 1.0 / flight.gain_min,
             ]
         ) * (1.0 + _ROUNDING)  # fmt: skip
         self._tube = np.array([axis.tube.position for axis in flight.axes])
@@ -200,8 +200,8 @@ class Monitors:
         self._sizes = sizes[:, :3]
         self._values = np.column_stack(
             [
-                seen.age, np.full(self._count, even), sizes[:, 3], np.sqrt(squares[:, 4].sum(axis=1)), sizes[:, 5], demand,
-                gain, 1.0 / gain,
+                seen.age, np.full(self._count, even), sizes[:, 3], np.sqrt(squares[:, 4].sum(axis=1)), sizes[:, 5],
+                demand, gain, 1.0 / gain,
             ]
         )  # fmt: skip
         self._judge(now, flying, self._sizes, self._values > self._bounds)

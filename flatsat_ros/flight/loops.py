@@ -48,6 +48,14 @@ class Aim(NamedTuple):
 class Loop(Protocol):
     """What the pilot knows of a loop."""
 
+    def estimate(self, now: float, thorough: bool) -> FloatArray:
+        """Return position, velocity and disturbance of the drones at a tick, (N, 9): m, m/s, m/s^2.
+
+        Args:
+            now: s.
+            thorough: they are for detectors that judge by them.
+        """
+
     def aim(self, now: float, estimated: FloatArray, reference: FloatArray, flying: np.ndarray) -> Aim:
         """Return what the law acts on at a tick.
 
@@ -77,11 +85,16 @@ class Loop(Protocol):
 class DirectLoop:
     """The law acts on the estimate."""
 
-    def __init__(self, certificate: Certificate, policy: Policy, references: References, count: int) -> None:
-        self._references, self._most = references, policy.disturbance_max
+    def __init__(self, certificate: Certificate, policy: Policy, references: References, estimator: Estimator) -> None:
+        count = len(estimator.yaw)
+        self._references, self._estimator, self._most = references, estimator, policy.disturbance_max
         self._monitor = GuaranteeMonitor(certificate, count)
         self._spent = np.zeros(count)
         self._base = np.zeros((count, 9))
+
+    def estimate(self, now: float, thorough: bool) -> FloatArray:
+        """Return the estimates."""
+        return self._estimator.estimate(now)
 
     def aim(self, now: float, estimated: FloatArray, reference: FloatArray, flying: np.ndarray) -> Aim:
         """Return estimate and reference."""
@@ -125,17 +138,24 @@ class PredictedLoop:
         self._monitors = Monitors(flight, self._most, references)
         self._feedback = -certificate.matrix[:, 3:]
         self._tubes = np.array([flight.horizontal.tube.position, flight.vertical.tube.position])
-        self._now = 0.0
+        self._now, self._steady = 0.0, False  # whether all drones were steered at the last tick
         self._needed, self._reference = np.zeros((count, 3)), np.zeros((count, 9))
         self._error = np.zeros((count, 6))
 
+    def estimate(self, now: float, thorough: bool) -> FloatArray:
+        """Move the model on; its state serves where nobody judges by it, while all drones are steered."""
+        estimator = self._estimator
+        self._predictor.advance(now, estimator.newest, estimator.measured)
+        if self._steady and not thorough:
+            return self._predictor.estimated
+        return estimator.estimate(now)
+
     def aim(self, now: float, estimated: FloatArray, reference: FloatArray, flying: np.ndarray) -> Aim:
-        """Move the model on, and predict from it."""
-        predictor, estimator = self._predictor, self._estimator
-        predictor.advance(now, estimator.newest, estimator.measured)
-        anew = ~flying | self._monitors.lost
-        if np.count_nonzero(anew):
-            predictor.restart(anew, estimated, now)
+        """Predict from the model; where a drone is not steered, or not where the model is, that begins anew."""
+        predictor = self._predictor
+        self._steady = np.count_nonzero(flying) == flying.size
+        if np.count_nonzero(self._monitors.lost) or not self._steady:
+            predictor.restart(~flying | self._monitors.lost, estimated, now)
         self._now, self._reference = now, reference
         state = predictor.state
         self._error = state - reference[:, :6]
@@ -162,8 +182,7 @@ class PredictedLoop:
                 output.error @ self._feedback,
             ),
         )
-        everybody = np.count_nonzero(flying) == flying.size
-        predictor.command(acceleration, self._needed if everybody else self._needed * flying[:, np.newaxis])
+        predictor.command(acceleration, self._needed if self._steady else self._needed * flying[:, np.newaxis])
         holds = monitors.broken == _NONE
         return Assessment(
             relative_level=monitors.ratio,

@@ -82,7 +82,7 @@ class Pilot:
         self._senses = Senses(certificate, policy, count)
         references = self._guidance.references
         self._loop: Loop = (
-            DirectLoop(certificate, policy, references, count)
+            DirectLoop(certificate, policy, references, self.estimator)
             if flight is None
             else PredictedLoop(certificate, flight, policy, references, self.estimator)
         )
@@ -273,7 +273,7 @@ class Pilot:
         for index, reason in self.clearance.barred():
             if self._supervisor.call_off(index):
                 self._reports.append(Report(index, f"its take-off is called off: {reason}"))
-        estimated = self.estimator.estimate(now)
+        estimated = self._loop.estimate(now, self._senses.due)
         state, estimate = estimated[:, :6], estimated[:, 6:]
         self._state = state
         usable = self._usable = self.estimator.usable(now, self._policy.pose_timeout)

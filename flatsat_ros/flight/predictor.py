@@ -68,7 +68,7 @@ class Predictor:
         self._second = any(loop.design.model.frequency > 0.0 for loop in loops)
         self._drag = np.array([loop.design.model.drag for loop in loops])
         observers = np.array([loop.design.observer for loop in loops])
-        self._observer = observers[:, 0], observers[:, 1], observers[:, 2]
+        self._observer = np.array(observers[:, :2].T), observers[:, 2]  # of position and velocity (2, 3), and of d^
         self._corrections = np.zeros((count, 3))  # sum of those of the position, m
         self._moments: deque[_Moment] = deque(maxlen=2 + math.ceil(pose_age / self._period))
         self._now = -math.inf
@@ -81,6 +81,11 @@ class Predictor:
     def state(self) -> FloatArray:
         """(N, 6) estimated position and velocity at the tick, m and m/s."""
         return np.asarray(self._state[:, :_A].reshape(-1, 6))
+
+    @property
+    def estimated(self) -> FloatArray:
+        """(N, 9) position, velocity and disturbance at the tick: m, m/s, m/s^2."""
+        return np.asarray(self._state[:, (_P, _V, _D)].reshape(-1, 9))
 
     @property
     def disturbance(self) -> FloatArray:
@@ -123,11 +128,11 @@ class Predictor:
             self.innovation, self.age = np.zeros_like(self.innovation), now - stamps
             self._note(now, self._state[:, _V].copy())
             return
-        count, size = self._state.shape[:2]
-        for _ in range(max(1, round(elapsed / self._period))):
-            self._state = (self._state.reshape(count, 3 * size) @ self._step).reshape(count, size, 3)
+        shape, periods = self._state.shape, max(1, round(elapsed / self._period))
+        for _ in range(periods):
+            self._state = (self._state.reshape(len(stamps), -1) @ self._step).reshape(shape)
         state = self._state
-        late = elapsed - max(1, round(elapsed / self._period)) * self._period
+        late = elapsed - periods * self._period
         if abs(late) > _EVEN:
             pull = state[:, _A] + state[:, _D] - self._drag * state[:, _V]
             state[:, _P] += late * (state[:, _V] + late / 2.0 * pull)
@@ -141,12 +146,11 @@ class Predictor:
         if np.count_nonzero(used) < used.size:
             innovation = np.where(used[:, np.newaxis], innovation, 0.0)
         self.innovation = innovation
-        position, velocity, disturbance = self._observer
-        shift = position * innovation
-        self._corrections += shift
-        state[:, _P] += shift
-        state[:, _V] += velocity * innovation
-        state[:, _D] += disturbance * innovation
+        moving, disturbing = self._observer
+        shift = moving * innovation[:, np.newaxis]
+        self._corrections += shift[:, _P]
+        state[:, :_A] += shift
+        state[:, _D] += disturbing * innovation
         self._moments[-1] = self._moments[-1]._replace(after=state[:, _V].copy())
 
     def _note(self, now: float, velocity: FloatArray) -> None:
@@ -161,17 +165,17 @@ class Predictor:
         moments = self._moments
         stamps = np.maximum(stamps, moments[0].time)
         if float(stamps.min()) > moments[-2].time:  # all within the last period
-            (begin, _, _, left), (end, way, arrived, _) = moments[-2], moments[-1]
+            (first, _, _, left), (last, way, arrived, _) = moments[-2], moments[-1]
+            span, back = np.float64(last - first), last - stamps[:, np.newaxis]
         else:
             times = np.array([moment.time for moment in moments])
             index = np.clip(np.searchsorted(times, stamps), 1, len(times) - 1)
             each = np.arange(len(stamps))
             way, arrived = (np.array([getattr(m, n) for m in moments])[index, each] for n in ("way", "before"))
             left = np.array([moment.after for moment in moments])[index - 1, each]
-            begin, end = times[index - 1][:, np.newaxis], times[index][:, np.newaxis]
+            span, back = (times[index] - times[index - 1])[:, np.newaxis], (times[index] - stamps)[:, np.newaxis]
         # back from the end of a period, over which the velocity changes evenly
-        back = end - stamps[:, np.newaxis]
-        way = way - back * (arrived - back * ((arrived - left) / (2.0 * (end - begin))))
+        way = way - back * (arrived - (back / (2.0 * span)) * (arrived - left))
         np.copyto(self._anchor, positions - way, where=fresh[:, np.newaxis])
         return fresh
 

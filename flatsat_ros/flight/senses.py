@@ -91,7 +91,7 @@ class Senses:
             mode: (N,) values of `Mode` until now.
             guidance: who lands, and the ground below each.
         """
-        if self._sight is not None and self._ticks % self._every:
+        if self._sight is not None and not self.due:
             return self._sight._replace(height=estimated[:, 2], usable=usable)
         state, disturbance = estimated[:, :6], estimated[:, 6:]
         upward = self._acceleration[:, 2]
@@ -186,6 +186,11 @@ class Senses:
         """Return what is to be told, drone and text, once."""
         reports, self._reports = self._reports, []
         return reports
+
+    @property
+    def due(self) -> bool:
+        """Whether the detectors look at the tick that comes."""
+        return self._sight is None or self._ticks % self._every == 0
 
     @property
     def looked(self) -> bool:
