@@ -129,6 +129,11 @@ class Guidance:
         goal = self._goals[index]
         return None if goal is None or np.isnan(goal).any() or self.landing[index] else goal
 
+    def destination(self, index: int) -> FloatArray | None:
+        """Return where drone index is led in the end, (3,) m: its goal, or the end of its trajectory; else None."""
+        trajectory = self.references.trajectory(index)
+        return trajectory.end if self._goals[index] is None and trajectory is not None else self.goal(index)
+
     def way(self, index: int, goal: FloatArray | None, now: float, state: FloatArray | None = None) -> Trajectory:
         """Return the path on which drone index would go to a goal.
 
@@ -177,7 +182,7 @@ class Guidance:
         """Return the goal (3,), m, of a landing from a motion (4, 3): somewhere below the ground."""
         return np.array([math.nan, math.nan, min(float(self.ground[index]), float(motion[0, 2])) - _LANDING_DEPTH])
 
-    def start(self, index: int, state: FloatArray, now: float) -> str:
+    def start(self, index: int, state: FloatArray, now: float) -> float:
         """Let drone index, whose flight begins or goes on, set out from where it is.
 
         Args:
@@ -186,7 +191,7 @@ class Guidance:
             now: s.
 
         Returns:
-            What was changed, for people; empty if nothing.
+            How far away its trajectory is, m, if it is too far to be followed: then it brakes; else 0.
         """
         motion = np.zeros((4, 3))
         speed = max(float(np.linalg.norm(state[3:])) / self._path_limits.speed, 1.0)
@@ -194,12 +199,12 @@ class Guidance:
         if self._goals[index] is None:
             away = float(np.linalg.norm(self.references.motion(index, now)[0] - state[:3]))
             if away <= _FAR:
-                return ""
+                return 0.0
             self._goals[index] = _BRAKE.copy()
             self._plan(index, motion, now)
-            return f"its trajectory is {away:.2f} m away: it stays where it is"
+            return away
         self._plan(index, motion, now)
-        return ""
+        return 0.0
 
     def replan(self, index: int, now: float) -> None:
         """Lead the reference of drone index from its present motion to its goal."""

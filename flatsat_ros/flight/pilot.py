@@ -281,9 +281,10 @@ class Pilot:
         ready = usable & ~(grounded & self._orientations.unready_all()) if np.count_nonzero(grounded) else usable
         sight = self._senses.look(now, estimated, ready, self.mode, self._guidance)
         transitions = self._supervisor.advance(now, sight)
+        self.traffic.note(now, state, usable)
         if transitions:
             self._take(transitions, estimated)
-        if self.traffic.is_due(now, state, usable):
+        if self.traffic.is_due:
             for index in self.traffic.look():
                 self._begin(index, patient=True)
             self._reports += self.traffic.reports()
@@ -361,16 +362,24 @@ class Pilot:
                 if before not in (Mode.LEVEL, Mode.DESCEND):
                     reset.append(index)
                 if self._policy.goal_mode is GoalMode.PATH:
-                    text = self._guidance.start(index, estimated[index, :6], self._now)
-                    self._reports += [Report(index, text)] if text else []
-                    if text and before is Mode.DESCEND:  # it may be near the ground already, or on it
-                        self._guidance.land(index, self._now)
-                        self._reports.append(Report(index, "it has sunk and has nothing to go on to: it lands"))
+                    self._set_out(index, before, estimated[index, :6])
             elif after in (Mode.CUT, Mode.REST, Mode.FALLEN):
                 self._guidance.landing[index] = False
                 reset.append(index)
         self._steering.reset(*reset)
         self.traffic.follow(transitions)
+
+    def _set_out(self, index: int, before: Mode, state: FloatArray) -> None:
+        """Let drone index, whose state is (6,), set out from where it is; its flight begins, or goes on after a mode."""
+        end = self._guidance.destination(index)
+        away = self._guidance.start(index, state, self._now)
+        if not away or end is None:
+            return
+        if before not in (Mode.LEVEL, Mode.DESCEND):
+            self._reports.append(Report(index, f"its trajectory is {away:.2f} m away: it stays where it is"))
+        elif self.traffic.lead_on(index, end):
+            self._guidance.replan(index, self._now)
+        self._reports += self.traffic.reports()
 
     def _command(
         self, now: float, output: Output, flying: np.ndarray, level: np.ndarray

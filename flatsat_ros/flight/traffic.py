@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.errors import refusal
+from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.flight.guidance import Guidance
 from flatsat_ros.flight.modes import AIRBORNE, Mode, Transition
 from flatsat_ros.flight.neighbours import Conflict, Neighbours
@@ -80,8 +80,8 @@ class Traffic:
         self._reports: list[Report] = []
         self._measured = self._looked = self._due = -math.inf  # when to look again, s
 
-    def is_due(self, now: float, state: FloatArray, usable: np.ndarray) -> bool:
-        """Take note of a tick; tell whether there is something to look at.
+    def note(self, now: float, state: FloatArray, usable: np.ndarray) -> None:
+        """Take note of a tick.
 
         Args:
             now: s.
@@ -90,7 +90,11 @@ class Traffic:
         """
         there = self._neighbours
         there.now, there.state, there.usable = now, state, usable
-        return not self._alone and (now >= self._due or bool(self._guidance.changed))
+
+    @property
+    def is_due(self) -> bool:
+        """Whether there is something to look at."""
+        return not self._alone and (self._neighbours.now >= self._due or bool(self._guidance.changed))
 
     def set_clock_back(self) -> None:
         """Look again at once: the clock was set back."""
@@ -130,6 +134,23 @@ class Traffic:
             return False
         self._guidance.stop(index)  # somebody let go of it in the air: it is held until its way is clear
         return True
+
+    def lead_on(self, index: int, end: FloatArray) -> bool:
+        """Lead drone index, without which its trajectory has gone on, to the end (3,), m, of that; tell whether it goes.
+
+        Otherwise it waits for that where it is, or stays because somebody else goes there; near the ground it lands.
+        """
+        try:
+            goes = self.admit_goal(index, end, float(self._guidance.references.yaw[index]))
+            does = "it goes to the end of that" if goes else "it will go to the end of that"
+        except FlatsatError as error:
+            goes, does = False, f"it stays where it is: {error}"
+        if not goes and self._is_low(index):
+            self.withdraw(index)
+            self._guidance.land(index, self._neighbours.now)
+            does = "it is near the ground and its way is not clear: it lands"
+        self._tell(index, f"its trajectory has gone on without it: {does}")
+        return goes
 
     def admit_take_off(self, index: int, place: ArrayLike, yaw: float) -> None:
         """Give drone index a goal (3,), m, straight above it.
@@ -195,6 +216,7 @@ class Traffic:
             for pair in sorted(self._suspects):
                 self._foresee(pair)
             self._warned &= self._suspects
+            self._changed |= self._neighbours.take_references()  # of those that brake now
             begun = self._waiting.look()
         busy = not self._steps and (self._changed or self._suspects or self._waiting.goals)
         self._due = min(self._measured, self._looked) if busy else self._measured
@@ -298,8 +320,6 @@ class Traffic:
             yaw, goal = float(self._guidance.references.yaw[index]), self._brake(index)
             if goal is not None:
                 self._wait(index, goal, yaw, conflict)
-            else:
-                self._tell(index, f"it brakes, its trajectory is given up: {self._neighbours.describe(conflict)}")
 
     def _moves(self, index: int) -> bool:
         """Tell whether a robot is a drone with a reference that moves, and is not braking for another drone."""
@@ -310,12 +330,15 @@ class Traffic:
 
     def _keeps_its_way(self, index: int) -> bool:
         """Tell whether drone index does not brake for others: it lands, or is still near the ground."""
-        low = self._neighbours.state[index, 2] - self._guidance.ground[index] < _NEAR_GROUND
-        return bool(self._guidance.landing[index] or low)
+        return bool(self._guidance.landing[index]) or self._is_low(index)
+
+    def _is_low(self, index: int) -> bool:
+        """Tell whether drone index is near the ground."""
+        return bool(self._neighbours.state[index, 2] - self._guidance.ground[index] < _NEAR_GROUND)
 
     def _brake(self, index: int) -> FloatArray | None:
-        """Let drone index brake; return the goal (3,), m, to which it was on its way, None for a trajectory."""
-        goal = self._guidance.goal(index)
+        """Let drone index brake; return where it was on its way to, (3,) m; None if it is led nowhere."""
+        goal = self._guidance.destination(index)
         self._guidance.brake(index, self._neighbours.now)
         self._brakes[index] = self._guidance.references.trajectory(index)
         return None if goal is None else goal.copy()

@@ -61,7 +61,9 @@ class Waiting:
     def look(self) -> list[int]:
         """Give drones their goals whose way is clear, as is due; return which."""
         waiting = sorted(self.goals, key=lambda i: (self._tried[i], self._ages[i]))
-        begun = [index for index in waiting[:_TRIES] if self._try(index)]
+        # one at a time: only at the next look the others know of its way
+        first = next((index for index in waiting[:_TRIES] if self._try(index)), None)
+        begun = [] if first is None else [first]
         now = self._neighbours.now
         if not begun and now >= self._joined:
             self._joined = now + _TOGETHER_PERIOD

@@ -59,7 +59,7 @@ SAMPLE = [
     ("stamps_ahead_0.5s", Phase.TAKE_OFF),
     ("poses_lost_15s", Phase.LANDING),
     ("nothing", Phase.SWAP),
-    ("poses_lost_3s", Phase.SWAP),
+    ("poses_lost_1s", Phase.SWAP),
 ]
 
 

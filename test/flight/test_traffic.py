@@ -38,6 +38,7 @@ class Ideal:
         self.pilot = Pilot(CERTIFICATE, TUNING, policy or Policy(), len(places), names, others)
         self.place = np.array(places, dtype=float)
         self.offset = np.zeros_like(self.place)
+        self.unseen: set[int] = set()  # whose poses are missing: they stay where they are
         self.now = 0.0
         self.least = np.inf  # of the distances so far
         self.told: list[tuple[int, str]] = []
@@ -46,6 +47,8 @@ class Ideal:
     def fly(self, seconds: float) -> None:
         for _ in range(round(seconds / PERIOD)):
             for index, place in enumerate(self.place):
+                if index in self.unseen:
+                    continue
                 self.pilot.measure(index, self.now, tuple(place), LEVEL, self.now)
             tick = self.pilot.tick(self.now)
             self.inputs.append(tick.input[0].tolist())
@@ -184,9 +187,41 @@ def test_trajectories_of_a_swap_may_come_one_after_the_other() -> None:
 def test_a_trajectory_brakes_for_a_drone_that_stays_in_its_way() -> None:
     world = hovering([[0.0, 0.0, 1.0], [2.0, 0.0, 1.0]])
     world.pilot.set_reference(0, spline_through([[0, 0, 1], [4, 0, 1]], 8.0).shifted(world.now))
-    world.fly(8.0)
-    assert world.heard(0, "brakes, its trajectory is given up: .* cf2")
+    world.fly(4.0)
+    assert world.heard(0, "goal waits until the way is clear: .* cf2")
+    world.pilot.set_goal(1, [2.0, 2.0, 1.0])
+    world.fly(9.0)
+    assert world.is_at(0, [4.0, 0.0, 1.0])
     assert world.least > SEPARATION
+
+
+def test_a_drone_without_which_its_trajectory_has_gone_on_is_led_to_its_end() -> None:
+    world = hovering([[0.0, 0.0, 1.0]])
+    world.pilot.set_reference(0, spline_through([[0, 0, 1], [3, 1, 1]], 5.0).shifted(world.now))
+    world.fly(1.0)
+    world.unseen = {0}
+    world.fly(2.5)
+    assert world.pilot.mode[0] == Mode.DESCEND
+    world.unseen = set()
+    world.fly(6.0)
+    assert world.heard(0, "has gone on without it: it goes to the end of that")
+    assert world.is_at(0, [3.0, 1.0, 1.0])
+
+
+def test_drones_whose_swap_broke_off_keep_apart_and_reach_its_ends_or_tell_why_not() -> None:
+    places = [[0.0, 0.0, 1.0], [1.25, 0.0, 1.0], [0.625, 1.08, 1.0]]
+    world = hovering(places)
+    for index in range(3):
+        swap = spline_through([places[(index + leg) % 3] for leg in range(4)], 4.0)
+        world.pilot.set_reference(index, swap.shifted(world.now))
+    world.fly(6.0)
+    world.unseen = {0}
+    world.fly(1.2)
+    world.unseen = set()
+    world.fly(13.0)
+    assert all(world.is_at(i, place) or world.heard(i, "goal is given up") for i, place in enumerate(places))
+    assert world.least > SEPARATION
+    assert len(world.told) < 20, "nobody sets out again and again"
 
 
 def test_a_trajectory_that_is_near_a_resting_drone_at_once_is_refused() -> None:
