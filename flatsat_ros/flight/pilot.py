@@ -370,7 +370,7 @@ class Pilot:
         self.traffic.follow(transitions)
 
     def _set_out(self, index: int, before: Mode, state: FloatArray) -> None:
-        """Let drone index, whose state is (6,), set out from where it is; its flight begins, or goes on after a mode."""
+        """Let drone index, with a state (6,), set out from where it is: its flight begins, or goes on after a mode."""
         end = self._guidance.destination(index)
         away = self._guidance.start(index, state, self._now)
         if not away or end is None:

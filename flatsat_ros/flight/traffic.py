@@ -136,7 +136,7 @@ class Traffic:
         return True
 
     def lead_on(self, index: int, end: FloatArray) -> bool:
-        """Lead drone index, without which its trajectory has gone on, to the end (3,), m, of that; tell whether it goes.
+        """Lead drone index to the end (3,), m, of a trajectory that has gone on without it; tell whether it goes.
 
         Otherwise it waits for that where it is, or stays because somebody else goes there; near the ground it lands.
         """
