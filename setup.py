@@ -44,7 +44,6 @@ setup(
             "controller = flatsat_ros.nodes.programs:controller",
             "cflib_bridge = flatsat_ros.nodes.programs:cflib_bridge",
             "console = flatsat_ros.nodes.programs:console",
-            "calibrate_hover = flatsat_ros.nodes.programs:calibrate_hover",
             "sim_drone = flatsat_ros.nodes.programs:sim_drone",
             "mocap_player = flatsat_ros.nodes.programs:mocap_player",
             "record = flatsat_ros.nodes.programs:record",

@@ -15,8 +15,8 @@ from flatsat_ros import InputSet, Pilot, Policy, SimulatedFleet, Trajectory, Tun
 from flatsat_ros.crazyflie.vehicle import profile_document
 from flatsat_ros.synthesis import synthesize
 
-# The profile: begin with that of the nearest drone and write down what you know better. calibrate_hover measures the
-# thrust in flight.
+# The profile: begin with that of the nearest drone and write down what you know better. `identify` finds
+# the thrust in the log of a hover, and more in those of other flights.
 vehicle = replace(load_vehicle("cf21"), name="my_drone", mass=0.033)  # kg, with a deck more
 Path("my_drone.yaml").write_text(yaml.safe_dump(profile_document(vehicle), sort_keys=False), encoding="utf-8")
 

@@ -13,8 +13,6 @@ from fuzzing.sequence import encoded
 from hypothesis import HealthCheck, given, settings
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.flight.modes import Mode
-from flatsat_ros.flight.telemetry import FIELDS
 
 
 def require(name: str) -> None:
@@ -38,8 +36,6 @@ def test_bad_input_is_taken_or_refused_and_breaks_nothing(name: str, tmp_path: P
     assert min(taken[True], taken[False]) >= 5, "some are taken and some are refused, or the inputs say nothing"
 
 
-HOVER = np.zeros((25, len(FIELDS)))
-HOVER[:, [FIELDS.index("mode"), FIELDS.index("thrust_scale")]] = Mode.FLY, 1.0
 # what broke something once, by what broke
 FOUND = {
     "way-points whose differences overflow": ("waypoints", np.array([1.0, 0.0, 1.7e308, 0.0] * 4).tobytes()[:80]),
@@ -51,8 +47,6 @@ FOUND = {
     "a carriage return in a field": ("mission", b"cx,y,z\n0.0,0.0,1.0\r1.0,1.0,1.0\n"),
     "a setup that is no object": ("console", encoded([(1, b"\0\1\0\0\3\0\0\0[]\0")])),
     "robots that are none": ("console", encoded([(1, b"\0\1\0\0\x16\0\0\0" + b'{"robot_names": [""]}\0')])),
-    "telemetry of different lengths": ("telemetry", HOVER.tobytes()[:-8]),
-    "a hover without thrust": ("telemetry", HOVER.tobytes()),
     "flags that are infinite": ("crtp", encoded([(0x52, bytes([1, 0, 0, 0]) + struct.pack("<2f", 4.0, np.inf))])),
 }
 

@@ -21,7 +21,6 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
 
 EXECUTABLES = [
-    "calibrate_hover",
     "cflib_bridge",
     "console",
     "controller",

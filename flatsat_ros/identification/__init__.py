@@ -3,7 +3,6 @@
 What is imported here needs numpy only; `identified`, which fits flight logs, and what it stands on need scipy, too.
 """
 
-from flatsat_ros.identification.hover import thrust_scale
 from flatsat_ros.identification.recording import Recording, read_csv
 
-__all__ = ["Recording", "read_csv", "thrust_scale"]
+__all__ = ["Recording", "read_csv"]

@@ -31,11 +31,6 @@ def mocap_player(argv: Sequence[str] | None = None) -> int:
     return _run("mocap_player", argv)
 
 
-def calibrate_hover(argv: Sequence[str] | None = None) -> int:
-    """Run the calibration in a hover."""
-    return _run("calibrate_hover", argv)
-
-
 def record(argv: Sequence[str] | None = None) -> int:
     """Run the recorder of bags."""
     return _run("recorder", argv)

@@ -15,7 +15,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.identification.recording import COLUMNS
-from flatsat_ros.nodes.calibrate_hover import CalibrateHover
 from flatsat_ros.nodes.cflib_bridge import CflibBridge
 from flatsat_ros.nodes.controller_node import ControllerNode
 from flatsat_ros.nodes.mocap_player import MocapPlayer
@@ -27,14 +26,12 @@ NODES = {
     "controller": ControllerNode,
     "sim_drone": SimDrone,
     "mocap_player": MocapPlayer,
-    "calibrate_hover": CalibrateHover,
     "record": Recorder,
     **({"cflib_bridge": CflibBridge} if find_spec("cflib") else {}),
 }
 # what a node does not start without, as {folder} of the test's, and what makes it offer all that it can offer
 GIVEN = {
     "mocap_player": {"file": "{folder}/recording.csv"},
-    "calibrate_hover": {"output": "{folder}/mine.yaml"},
     "record": {"output": "{folder}/bag"},
     "cflib_bridge": {"pose_rate": "50.0", "external_pose": "pose"},
 }

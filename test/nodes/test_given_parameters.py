@@ -14,7 +14,6 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.identification.recording import COLUMNS
-from flatsat_ros.nodes.calibrate_hover import CalibrateHover
 from flatsat_ros.nodes.cflib_bridge import CflibBridge
 from flatsat_ros.nodes.controller_node import ControllerNode
 from flatsat_ros.nodes.mocap_player import MocapPlayer
@@ -35,7 +34,7 @@ def needed(tmp_path: Path) -> dict[type[ProgramNode], dict[str, object]]:
     """Parameters without which a node does not start."""
     recording = tmp_path / "recording.csv"
     recording.write_text(",".join(COLUMNS) + "\n0,0,0,0,0,0,0,1\n", encoding="utf-8")
-    return {MocapPlayer: {"file": recording}, CalibrateHover: {"output": tmp_path / "mine.yaml"}}
+    return {MocapPlayer: {"file": recording}}
 
 
 @pytest.fixture
@@ -62,7 +61,7 @@ NODES = [
     (ControllerNode, "certifcate", "certificate"),
     (SimDrone, "robot_name", "robot_names"),
     (MocapPlayer, "Rate", "rate"),
-    (CalibrateHover, "robot_names", "robot_name"),
+    (MocapPlayer, "robot_names", "robot_name"),
     pytest.param(
         CflibBridge,
         "link_time_out",
@@ -133,7 +132,7 @@ def dumped(node: ProgramNode) -> str:
     return yaml.dump({f"/{node.get_name()}": {"ros__parameters": nested}}, default_flow_style=False)
 
 
-@pytest.mark.parametrize("make", [ControllerNode, SimDrone, MocapPlayer, CalibrateHover])
+@pytest.mark.parametrize("make", [ControllerNode, SimDrone, MocapPlayer])
 def test_what_param_dump_wrote_loads_again(
     make: type[ProgramNode],
     started: Callable[..., Any],

@@ -9,7 +9,7 @@ import pytest
 
 from flatsat_ros.nodes import programs
 
-NAMES = ("controller", "sim_drone", "cflib_bridge", "mocap_player", "calibrate_hover", "record")
+NAMES = ("controller", "sim_drone", "cflib_bridge", "mocap_player", "record")
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -30,5 +30,5 @@ def test_another_missing_library_is_named_without_a_hint_to_ros(
         raise ModuleNotFoundError("No module named 'tqdm'")
 
     monkeypatch.setattr(programs, "import_module", missing)
-    assert programs.calibrate_hover([]) == 2
+    assert programs.mocap_player([]) == 2
     assert capsys.readouterr().err == "error: No module named 'tqdm'\n"
