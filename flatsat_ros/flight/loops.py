@@ -78,6 +78,9 @@ class Loop(Protocol):
     def astray(self) -> list[int]:
         """Return who is where it cannot be if nothing is broken."""
 
+    def unclaimed(self, index: int) -> str:
+        """Return why the tube is not claimed of drone index; empty if it is, or none is known."""
+
     def reports(self, flying: np.ndarray) -> list[tuple[int, str]]:
         """Return what is to be told of the drones in flight, drone and text, once per event."""
 
@@ -117,6 +120,10 @@ class DirectLoop:
     def astray(self) -> list[int]:
         """Return nobody: no tube is known."""
         return []
+
+    def unclaimed(self, index: int) -> str:
+        """Return nothing."""
+        return ""
 
     def reports(self, flying: np.ndarray) -> list[tuple[int, str]]:
         """Return nothing."""
@@ -196,6 +203,10 @@ class PredictedLoop:
     def astray(self) -> list[int]:
         """Return who is outside its tube although all seems to be as assumed."""
         return self._monitors.astray()
+
+    def unclaimed(self, index: int) -> str:
+        """Return what does not hold of what the certificate assumes, of drone index."""
+        return self._monitors.sentence(index)
 
     def reports(self, flying: np.ndarray) -> list[tuple[int, str]]:
         """Return what does not hold of what the certificate assumes."""

@@ -224,6 +224,10 @@ class Pilot:
                 self._guidance.land(index, self._now)
             self._supervisor.withdraw(index)
 
+    def unclaimed(self, index: int) -> str:
+        """Return why the tube of the certificate's flight section is not claimed of drone index; empty if it is."""
+        return self._loop.unclaimed(index)
+
     @property
     def height(self) -> FloatArray:
         """(N,) estimated z of the last tick, m."""

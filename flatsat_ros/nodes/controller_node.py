@@ -21,6 +21,7 @@ from rclpy.publisher import Publisher
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import load_certificate
+from flatsat_ros.crazyflie.fit import require_fit
 from flatsat_ros.crazyflie.wire import Backend, WireSetpoint, YawMode, setpoint_from_command
 from flatsat_ros.flight import telemetry
 from flatsat_ros.flight.clearance import Cause
@@ -85,6 +86,11 @@ class ControllerNode(ProgramNode):
                     f"{self._certificate.limits.thrust_max:.4f} m/s^2, but {robot}, vehicle {vehicle.name!r}, "
                     f"lifts {vehicle.thrust_max:.4f} m/s^2: synthesize one with thrust_max at most that"
                 )
+        link_delay = declare(
+            self, "link_delay", 0.02, "from a command to the drone: computer, radio", unit="s", bounds=(0.0, 0.5)
+        )
+        for robot, vehicle in zip(self.robots, self._vehicles, strict=True):
+            require_fit(self._certificate, vehicle, link_delay, robot)
         policy = declare_policy(self, min(vehicle.dynamics.drag_z for vehicle in self._vehicles))
         tuning = TuningParameters(self, self.robots, self._certificate)
         # zero thrust from the next tick on, the tick after it, the notice that no more follows

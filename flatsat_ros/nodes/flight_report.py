@@ -77,12 +77,15 @@ def report_flight(
     mode, where = Mode(pilot.mode[index]), tick.assessment
     place, flying = Place(where.place[index]), mode is Mode.FLY
     outside = "outside the certified sets" if flying and place is Place.OUTSIDE else ""
+    if flying and where.broken is not None:
+        outside = pilot.unclaimed(index)
     charge, voltage = pilot.batteries.charges[index], pilot.batteries.voltages[index]
     battery = "" if charge is Charge.GOOD else f"battery {charge.name.lower()}"
     figures: dict[str, object] = {
         "V/eps": f"{where.relative_level[index]:.4g}",
         "set": place.name,
         "guaranteed": bool(where.guaranteed[index]) and flying,
+        **({} if where.tube is None else {"tube m": f"{where.tube[0]:.3f}, {where.tube[1]:.3f} vertically"}),
         "gamma": f"{tick.output.gain[index]:.4g}",
         "applied gain": f"{tick.output.applied_gain[index]:.4g}",
         "pose age s": f"{now - pilot.estimator.newest[index]:.3f}",
