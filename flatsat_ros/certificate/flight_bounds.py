@@ -29,7 +29,7 @@ class Bounds:
     """The sums of a cell, and what follows from them.
 
     With x the size of the plant's state, columns of inputs are: rate (pieces + 1), noise, drive (pieces + 1), pulse,
-    change of the gain, share, model's drive (pieces + 1), plant (x), model (y). Rows of signals: e, e', v0, D/g - d^
+    change of the gain, share, model's drive (pieces + 1), push (pieces + 1), plant (x), model (y). Rows of signals: e, e', v0, D/g - d^
     (with derivatives); then the difference of commands and, of each stretch, x' at its beginning and nodes of F; then
     the errors of the estimated velocity and the model's x^' at the beginning of each of its stretches.
     """
@@ -65,11 +65,13 @@ class Bounds:
             loop.command_input,
             h * loop.share_input,
             *(w * loop.model_drive_input(t) for w, t in zip(weights, times, strict=True)),
+            *(w * loop.push_input(t) for w, t in zip(weights, times, strict=True)),
             *cell.unit_inputs.T,
             *loop.model_unit_inputs.T,
         ]
-        ends = np.cumsum([0, _PIECES + 1, 1, _PIECES + 1, 1, 1, 1, _PIECES + 1, x, loop.design.model.size])
-        names = ("rate", "noise", "drive", "pulse", "change", "share", "model_drive", "plant", "model")
+        varying = _PIECES + 1  # columns of what acts within a period
+        ends = np.cumsum([0, varying, 1, varying, 1, 1, 1, varying, varying, x, loop.design.model.size])
+        names = ("rate", "noise", "drive", "pulse", "change", "share", "model_drive", "push", "plant", "model")
         self._part = {name: slice(a, b) for name, a, b in zip(names, ends[:-1], ends[1:], strict=True)}
         self._inputs = np.array(columns).T
 
@@ -110,6 +112,7 @@ class Bounds:
         curve = h * (h / _PIECES) ** 2 / 12.0
         size, (A, _, E) = np.abs(loop.plant.system[0]), loop.plant.system
         bend = size @ size @ cell.growth[:, -1] * drive + size @ cell.growth @ np.abs(E) * others.get("rate", 0.0)
+        bend += size @ size @ cell.growth @ np.abs(E) * others.get("push", 0.0)
         values[part["plant"]] += curve * bend
         if "model_drive" in others:
             A, B, _ = loop.design.model.system
@@ -131,14 +134,14 @@ class Bounds:
         return bound + np.abs(cell.on_state) @ leak, bend + float(np.abs(cell.loop.plant.system[0])[1] @ leak)
 
     def _late_pose(
-        self, values: FloatArray, leak: FloatArray, jolt: float, rate: float, model: float, other_age: float
+        self, values: FloatArray, leak: FloatArray, jolt: FloatArray, rate: float, model: float, other_age: float
     ) -> float:
         """Return a bound of what poses of another age than the loop's add to innovations, m.
 
         Args:
             values: (rows,) bounds of the signals at ticks.
             leak: (x,) by how much inputs within a period move x.
-            jolt: bound of the inputs at the last row.
+            jolt: (x,) bounds of the inputs at each row of x'.
             rate: of D', m/s^3.
             model: of the drive at the nominal plant's input, m/s^2.
             other_age: by how much the age is another, s.
@@ -149,9 +152,8 @@ class Bounds:
         for stretch in cell.stretches:
             slope = np.maximum(slope, values[begin : begin + x])
             begin += x + len(stretch.nodes) * len(cell.on_state)
-        moving = growth @ slope + np.abs(A) @ leak + np.abs(E) * h * rate
-        moving[-1] += jolt
-        bend = float(np.abs(A)[1] @ moving) + rate
+        moving = growth @ slope + np.abs(A) @ leak + np.abs(E) * h * rate + jolt
+        bend = float(np.abs(A)[1] @ moving) + cell.drag_error * float(moving[1]) + rate
 
         A, B, _ = cell.loop.design.model.system
         growth, y = exponential(np.abs(A) * h), len(A)
@@ -191,31 +193,36 @@ class Bounds:
         changes, noise = self._part["change"].start, self._part["noise"].start
 
         def bounds(
-            drive: float, difference: float, change: float, late_pose: float
+            drive: float, difference: float, change: float, late_pose: float, push: float
         ) -> tuple[FloatArray, FloatArray, float]:
-            """Bounds (4,) of the signals, (4,) of the inputs that follow from them, and of e''."""
-            wrong = self.amplitudes(drive, pulse=late * cell.port_gain * difference)
+            """Bounds (4,) of the signals, (5,) of the inputs that follow from them, and of e''."""
+            wrong = self.amplitudes(drive, pulse=late * cell.port_gain * difference, push=push)
             wrong[self._part["plant"]] += late_shape * difference
             rest = sums @ wrong
             whole = signals + sums[:, changes] * change + sums[:, noise] * late_pose + rest
             leak = cell.growth[:, -1] * (h * (drive + error) + late * cell.port_gain * difference)
-            leak += cell.growth @ np.abs(E) * h * h * rate
+            leak += cell.growth @ np.abs(E) * h * (h * rate + push)
             seen, bend = self._between(whole, leak)
             left, _ = self._between(rest, leak)
             second = self.amplitudes(
-                float(moved @ left), pulse=late * (cell.port_gain * rest[4] + cell.port_gain_error * difference)
+                float(moved @ left),
+                pulse=late * (cell.port_gain * rest[4] + cell.port_gain_error * difference),
+                push=push,
             )
             second[self._part["plant"]] += late_shape * difference
             tracked = whole[:4]
             if not lag_varies:
                 first = (at_vertices + at[:, :, changes] * change + at[:, :, noise] * late_pose).max(axis=0)
                 tracked = np.minimum(tracked, first + sums[:4] @ second)
-            jolt = drive + error + (cell.port_gain * difference if late > 0.0 else 0.0)
+            bend += h * rate + push
+            jolt = np.abs(E) * push
+            jolt[-1] += drive + error + (cell.port_gain * difference if late > 0.0 else 0.0)
             pose = self._late_pose(whole, leak, jolt, rate, model, other_age) if other_age > 0.0 else 0.0
-            following = [moved @ seen, whole[4], self._deviation * tracked[2], pose]
-            return tracked, np.array(following), bend + h * rate
+            velocity = tracked[1] + h / 2.0 * bend  # half a period from a tick at most
+            following = [moved @ seen, whole[4], self._deviation * tracked[2], pose, cell.drag_error * velocity]
+            return tracked, np.array(following), float(bend)
 
-        point = np.zeros(4)
+        point = np.zeros(5)
         for _ in range(_ITERATIONS):
             _, following, _ = bounds(*point)
             if following.max() > _ABSURD:

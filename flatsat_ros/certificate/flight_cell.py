@@ -10,7 +10,7 @@ so the plant q is the plant q^ in the middle with the further input sum_i p_i F_
     F = (g^ c - a - tilt^ e', c, -a', -e'),   p = (q_0 - q^_0, q_1 - q^_1 - g^ p_0, q_2 - q^_2, q_3 - q^_3 - tilt^ p_0),
 
 and a delay that is longer by s hands the command on s seconds later: for so long the last row gets q_1 times the
-command before less the command now.
+command before less the command now. Another drag is a further input at the acceleration, (drag^ - drag) e'.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Box:
     """All plants between two, figure by figure.
 
     Attributes:
-        low, high: the corners, of the same order and the same drag.
+        low, high: the corners, of the same order.
 
     Raises:
         FlatsatError: they are not, they have neither lag nor frequency, or a figure of `low` is above that of `high`.
@@ -53,7 +53,6 @@ class Box:
             require(
                 plant.size == self.low.size > 2, "size of a plant's state", plant.size, "", "3 or 4, of both the same"
             )
-        require(self.low.drag == self.high.drag, "low drag", self.low.drag, "1/s", f"{self.high.drag:g}, the high one")
 
     def _pairs(self) -> dict[str, tuple[float, float]]:
         names = [figure.name for figure in fields(Plant)]
@@ -122,6 +121,7 @@ class Cell:
         port_gain: largest q_1.
         port_gain_error: largest |q_1 - q^_1|.
         share_error: largest |1/g - 1/g^|.
+        drag_error: largest |drag - drag^|, 1/s.
         derivatives: m + 1 matrices (n, n + 1): the step's derivatives by p_i and by s.
         pulse: (n,) column of an impulse at the last row where the command changes.
         difference: row of the command before the change less the one after it.
@@ -135,7 +135,7 @@ class Cell:
 
     def __init__(self, design: Design, box: Box, pose_age: float = 0.0) -> None:
         low, high = box.low, box.high
-        second, delay = low.frequency > 0.0, (low.delay + high.delay) / 2.0
+        second, delay, drag = low.frequency > 0.0, (low.delay + high.delay) / 2.0, (low.drag + high.drag) / 2.0
         name = "frequency" if second else "lag"
         ends = [
             figures(replace(low, **{name: value, "gain": gain}))[:2]
@@ -147,9 +147,9 @@ class Cell:
         gain, tilt = q[1] / q[0], q[3] / q[0] if second else 0.0
         if second:
             frequency = math.sqrt(q[0])
-            middle = Plant(delay, 0.0, frequency, q[2] / (2.0 * frequency), gain, tilt, low.drag)
+            middle = Plant(delay, 0.0, frequency, q[2] / (2.0 * frequency), gain, tilt, drag)
         else:
-            middle = Plant(delay, 1.0 / q[0], gain=gain, drag=low.drag)
+            middle = Plant(delay, 1.0 / q[0], gain=gain, drag=drag)
         self.loop = FlightLoop(design, middle, pose_age)
 
         late = (high.delay - low.delay) / 2.0
@@ -163,6 +163,7 @@ class Cell:
         self.vertices = np.unique(np.array(vertices), axis=0)
         self.port_gain = max(q1 for _, q1 in ends)
         self.port_gain_error = max(abs(q1 - q[1]) for _, q1 in ends)
+        self.drag_error = (high.drag - low.drag) / 2.0
         self.share_error = max(abs(1.0 / low.gain - 1.0 / gain), abs(1.0 / high.gain - 1.0 / gain))
         self._derive(q[1])
 

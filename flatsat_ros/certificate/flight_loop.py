@@ -342,6 +342,10 @@ class FlightLoop:
         """Column (n,) of an impulse of drive error, m/s^2 s, `time` seconds before the end of the period."""
         return self.corrected(self._padded(self.plant.hold(time)[0] @ self.plant.system[1], 0))
 
+    def push_input(self, time: float) -> FloatArray:
+        """Column (n,) of an impulse of acceleration, m/s^2 s, `time` seconds before the end of the period."""
+        return self.corrected(self._padded(self.plant.hold(time)[0] @ self.plant.system[2], 0))
+
     def model_drive_input(self, time: float) -> FloatArray:
         """Column (n,) of an impulse at the input of the nominal plant, m/s^2 s, `time` before the end of the period."""
         model = self.design.model

@@ -12,7 +12,7 @@ from flatsat_ros.certificate.flight_loop import Design
 from flatsat_ros.certificate.flight_tube import Assumptions, Tube, box_tube, cell_tube
 
 # How much one figure matters against another, per width relative to its value; only the number of cells depends on it.
-_WEIGHTS = {"lag": 1.0, "gain": 1.25, "frequency": 2.0, "damping": 1.0, "tilt": 0.1}
+_WEIGHTS = {"lag": 1.0, "gain": 1.25, "frequency": 2.0, "damping": 1.0, "tilt": 0.1, "drag": 0.05}
 
 
 @dataclass(frozen=True)
