@@ -29,9 +29,9 @@ class Bounds:
     """The sums of a cell, and what follows from them.
 
     With x the size of the plant's state, columns of inputs are: rate (pieces + 1), noise, drive (pieces + 1), pulse,
-    change of the gain, share, model's drive (pieces + 1), push (pieces + 1), plant (x), model (y). Rows of signals: e, e', v0, D/g - d^
-    (with derivatives); then the difference of commands and, of each stretch, x' at its beginning and nodes of F; then
-    the errors of the estimated velocity and the model's x^' at the beginning of each of its stretches.
+    change of the gain, share, model's drive (pieces + 1), push (pieces + 1), plant (x), model (y). Rows of signals: e,
+    e', v0, D/g - d^ (with derivatives); then the difference of commands and, of each stretch, x' at its beginning and
+    nodes of F; then the errors of the estimated velocity and the model's x^' at the beginning of each of its stretches.
     """
 
     def __init__(self, cell: Cell, gain_min: float, gain_max: float, growth: float = 1.0) -> None:
