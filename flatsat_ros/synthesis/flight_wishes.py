@@ -1,4 +1,4 @@
-"""What a flight certificate is asked for: a vehicle's plants as boxes, and the assumptions about air and measurement."""
+"""What is asked of a flight certificate: a vehicle's plants as boxes, and assumptions about air and measurement."""
 
 from __future__ import annotations
 
