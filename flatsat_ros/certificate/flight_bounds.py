@@ -34,7 +34,9 @@ class Bounds:
     nodes of F; then the errors of the estimated velocity and the model's x^' at the beginning of each of its stretches.
     """
 
-    def __init__(self, cell: Cell, gain_min: float, gain_max: float, growth: float = 1.0) -> None:
+    def __init__(
+        self, cell: Cell, gain_min: float, gain_max: float, growth: float = 1.0, lag_varies: bool = False
+    ) -> None:
         """Sum up.
 
         Args:
@@ -42,8 +44,12 @@ class Bounds:
             gain_min: smallest applied gain.
             gain_max: largest applied gain.
             growth: factor by which all signals are multiplied more in every period than in the one before.
+            lag_varies: whether lag, frequency and damping change in flight.
         """
         self.cell = cell
+        # distances that are what they are for all of a flight: to these the answer is known to first order
+        self._vertices = cell.steady if lag_varies else cell.vertices
+        self._changing = cell.changing if lag_varies else np.zeros_like(cell.changing)
         gain, self._deviation = (gain_min + gain_max) / 2.0, (gain_max - gain_min) / 2.0
         loop = cell.loop
         size, h, x = loop.size, loop.design.period, loop.plant.size
@@ -98,7 +104,7 @@ class Bounds:
             closed(others),
             growth * closed(steps),
             growth * kicks,
-            cell.vertices,
+            self._vertices,
         )
         self.answers.sums[4:, self._part["change"]] += np.abs(others[:, size:])
 
@@ -172,7 +178,6 @@ class Bounds:
         rate: float,
         model: float,
         other_age: float,
-        lag_varies: bool,
     ) -> tuple[FloatArray, float] | None:
         """Return bounds of the tracked signals (4,) and of e'', or None if the small gain argument does not hold.
 
@@ -183,12 +188,12 @@ class Bounds:
             rate: of D', m/s^3.
             model: bound of the drive at the nominal plant's input, m/s^2.
             other_age: by how much the age of a pose is another than the loop's, s.
-            lag_varies: whether lag, frequency and damping change in flight.
         """
         cell, loop = self.cell, self.cell.loop
         sums, at, h = self.answers.sums, self.answers.vertex_sums, loop.design.period
         A, _, E = loop.plant.system
         late, moved = cell.vertices[:, -1].max(), np.abs(cell.vertices[:, :-1]).max(axis=0)
+        steady = np.abs(self._vertices[:, :-1]).max(axis=0)
         late_shape = late**2 / 2.0 * cell.port_gain * (np.abs(A) @ cell.growth[:, -1])
         changes, noise = self._part["change"].start, self._part["noise"].start
 
@@ -205,15 +210,13 @@ class Bounds:
             seen, bend = self._between(whole, leak)
             left, _ = self._between(rest, leak)
             second = self.amplitudes(
-                float(moved @ left),
+                float(steady @ left + self._changing @ seen),
                 pulse=late * (cell.port_gain * rest[4] + cell.port_gain_error * difference),
                 push=push,
             )
             second[self._part["plant"]] += late_shape * difference
-            tracked = whole[:4]
-            if not lag_varies:
-                first = (at_vertices + at[:, :, changes] * change + at[:, :, noise] * late_pose).max(axis=0)
-                tracked = np.minimum(tracked, first + sums[:4] @ second)
+            first = (at_vertices + at[:, :, changes] * change + at[:, :, noise] * late_pose).max(axis=0)
+            tracked = np.minimum(whole[:4], first + sums[:4] @ second)
             bend += h * rate + push
             jolt = np.abs(E) * push
             jolt[-1] += drive + error + (cell.port_gain * difference if late > 0.0 else 0.0)

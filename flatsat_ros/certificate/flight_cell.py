@@ -118,6 +118,8 @@ class Cell:
         loop: of the plant in the middle.
         vertices: (V, m + 1) distances (p_1, ..., p_m, s) of plants of which all those of the box are convex
             combinations; s is that of the delay.
+        steady, changing: if lag, frequency and damping change in flight, (V', m + 1) the distances that do not, of the
+            first order (0, (g - g^) q^_0, s), and (m,) bounds of the rest.
         port_gain: largest q_1.
         port_gain_error: largest |q_1 - q^_1|.
         share_error: largest |1/g - 1/g^|.
@@ -161,6 +163,14 @@ class Cell:
                 p[3] -= tilt * p[0]
             vertices.append([*p, s])
         self.vertices = np.unique(np.array(vertices), axis=0)
+        gains = (0.0,) if second else (low.gain - gain, high.gain - gain)
+        steady = np.zeros((2 * len(gains), self.vertices.shape[1]))
+        for row, (error, s) in zip(steady, itertools.product(gains, (-late, late)), strict=True):
+            row[1], row[-1] = error * q[0], s
+        self.steady = np.unique(steady, axis=0)
+        self.changing = np.abs(self.vertices[:, :-1]).max(axis=0)
+        if not second:  # p_1 = (g - g^) q_0
+            self.changing[1] = self.changing[0] * max(abs(error) for error in gains)
         self.port_gain = max(q1 for _, q1 in ends)
         self.port_gain_error = max(abs(q1 - q[1]) for _, q1 in ends)
         self.drag_error = (high.drag - low.drag) / 2.0

@@ -75,7 +75,7 @@ def cell_return(
         FlatsatError: as `cell_tube`.
     """
     h, growth = design.period, math.exp(rate * design.period)
-    bounds = cell_bounds(design, box, gain_min, gain_max, pose_age, growth)
+    bounds = cell_bounds(design, box, gain_min, gain_max, pose_age, lag_varies, growth)
     found = Return(rate, math.inf, math.inf, math.inf, math.inf)
     if not bounds.answers.finite:
         return found
@@ -83,7 +83,7 @@ def cell_return(
     pairs = []
     for i in range(2):
         start = bounds.answers.peaks[:, i], bounds.answers.vertex_peaks[:, :, i]
-        settled = bounds.settled(*start, 0.0, 0.0, 0.0, late, lag_varies)
+        settled = bounds.settled(*start, 0.0, 0.0, 0.0, late)
         if settled is None:
             return found
         # from tick to tick: the tick before has decayed by one period less

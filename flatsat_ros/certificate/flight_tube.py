@@ -124,7 +124,7 @@ def cell_tube(
     Raises:
         FlatsatError: a whole period lies inside the interval of the delay, or the gains are no interval above 0.
     """
-    bounds = cell_bounds(design, box, gain_min, gain_max, assumptions.pose_age)
+    bounds = cell_bounds(design, box, gain_min, gain_max, assumptions.pose_age, lag_varies)
     model, period = design.model, design.period
     rate, error = assumptions.rate(model, box.low, box.high), assumptions.drive(model, period, box.low, box.high)
     cell = bounds.cell
@@ -140,7 +140,7 @@ def cell_tube(
     )
     signals, at_vertices = bounds.answers.sums @ inputs, bounds.answers.vertex_sums @ inputs
     settled = bounds.settled(
-        signals, at_vertices, cell.port_gain * error, rate, model_drive, assumptions.pose_age / 2.0, lag_varies
+        signals, at_vertices, cell.port_gain * error, rate, model_drive, assumptions.pose_age / 2.0
     )
     if settled is None:
         return Tube(math.inf, math.inf, math.inf, math.inf)
@@ -149,7 +149,13 @@ def cell_tube(
 
 
 def cell_bounds(
-    design: Design, box: Box, gain_min: float, gain_max: float, pose_age: float, growth: float = 1.0
+    design: Design,
+    box: Box,
+    gain_min: float,
+    gain_max: float,
+    pose_age: float,
+    lag_varies: bool,
+    growth: float = 1.0,
 ) -> Bounds:
     """Return the sums of a box as one cell, whose poses are half as old as they may be, having checked that it is one.
 
@@ -163,7 +169,7 @@ def cell_bounds(
         raise FlatsatError(f"delays from {box.low.delay} to {box.high.delay} s: must have no whole period inside")
     if not 0.0 < gain_min <= gain_max:
         raise refusal("gain_min", gain_min, "", f"above 0 and at most gain_max, {gain_max:g}")
-    return Bounds(Cell(design, box, pose_age / 2.0), gain_min, gain_max, growth)
+    return Bounds(Cell(design, box, pose_age / 2.0), gain_min, gain_max, growth, lag_varies)
 
 
 def box_tube(

@@ -42,7 +42,8 @@ _COSTS = (4.0, 10.0, 0.5)
 # A tube beyond this, m, is none.
 _ABSURD = 1.0
 
-_START = {"stiffness": 60.0, "rate": 20.0, "q": 1e-4, "r": 2e-3}
+_START = {"q": 1e-4, "r": 2e-3}
+_LAWS = ((60.0, 20.0), (22.0, 12.0), (12.0, 9.0), (6.0, 6.0))  # where it begins, the first that has a tube
 _STEPS = {"stiffness": 0.2, "rate": 0.2, "q": 0.5, "r": 0.5, "delay": 0.004}
 _ROUNDS, _EVALUATIONS = 3, 250
 
@@ -133,10 +134,10 @@ def search(goal: Goal, plants: Plants, progress: Callable[[str], None], seconds:
     Raises:
         FlatsatError: none has a bounded tube.
     """
-    boxes, start, steps = corner_boxes(plants), dict(_START), dict(_STEPS)
-    start["delay"] = plants.model.delay
+    boxes, steps = corner_boxes(plants), dict(_STEPS)
+    start = {"stiffness": _LAWS[0][0], "rate": _LAWS[0][1], **_START, "delay": plants.model.delay}
     if plants.model.frequency > 0.0:
-        start |= {"frequency": plants.model.frequency, "damping": plants.model.damping, "stiffness": 20.0, "rate": 10.0}
+        start |= {"frequency": plants.model.frequency, "damping": plants.model.damping}
         steps |= {"frequency": 0.08, "damping": 0.08}
     else:
         start["lag"], steps["lag"] = plants.model.lag, 0.06
@@ -167,6 +168,11 @@ def search(goal: Goal, plants: Plants, progress: Callable[[str], None], seconds:
             progress(f"tube {found:.2f} cm")
         return found
 
+    for law in _LAWS:
+        point = best[1].copy()
+        point[:2] = np.log(law)
+        if cost(point) < math.inf:
+            break
     sizes = np.array([steps[name] for name in start])
     try:
         for number in range(_ROUNDS):
