@@ -28,7 +28,7 @@ from flatsat_ros.certificate.sets import Sets
 from flatsat_ros.law.input_set import InputSet
 
 # Versions of the file: the second has a flight section.
-_FORMATS = (1, 2)
+FORMATS = (1, 2)
 
 # Relative rounding that a proved inequality may show when it is tight; far below anything physical.
 _ROUNDING = 1e-9
@@ -262,7 +262,7 @@ class Certificate:
     def from_document(cls, document: object) -> Certificate:
         """Build a certificate from the parsed YAML document, refusing whatever is not exactly its form."""
         version = document.get("flatsat_certificate") if isinstance(document, dict) else None
-        flies = version == _FORMATS[1] and not isinstance(version, bool)
+        flies = version == FORMATS[1] and not isinstance(version, bool)
         keys = (
             "flatsat_certificate",
             "name",
@@ -273,10 +273,8 @@ class Certificate:
             "provenance",
         )
         root = section("the certificate", document, keys)
-        if not flies and (version != _FORMATS[0] or isinstance(version, bool)):
-            raise refusal(
-                "flatsat_certificate", version, "", f"{_FORMATS[0]} or {_FORMATS[1]}, what this version reads"
-            )
+        if not flies and (version != FORMATS[0] or isinstance(version, bool)):
+            raise refusal("flatsat_certificate", version, "", f"{FORMATS[0]} or {FORMATS[1]}, what this version reads")
         if not isinstance(root["name"], str) or not root["name"]:
             raise refusal("name", root["name"], "", "a non-empty string")
         if not isinstance(root["provenance"], dict):
@@ -326,7 +324,7 @@ class Certificate:
         }
         if self.flight is not None:
             values["flight"] = self.flight.to_document()
-        version = _FORMATS[self.flight is not None]
+        version = FORMATS[self.flight is not None]
         return {"flatsat_certificate": version, "name": self.name, **values, "provenance": dict(self.provenance)}
 
     def save(self, path: str | os.PathLike[str]) -> None:

@@ -39,6 +39,9 @@ _STIFFNESS_MAX = 80.0
 # Cost of one degree of noise, one m/s^2 of |v0|, and one unit of stiffness beyond their bounds, cm.
 _COSTS = (4.0, 10.0, 0.5)
 
+# Width of the boxes at the corners whose tube counts, relative to that of all plants.
+_CELL = 0.1
+
 # A tube beyond this, m, is none.
 _ABSURD = 1.0
 
@@ -78,11 +81,21 @@ def command_noise(design: Design, plant: Plant, noise: float, gain: float = 1.0)
 
 
 def corner_boxes(plants: Plants) -> list[Box]:
-    """Return the boxes of the corners, whose drag is all of its interval and whose lag may change in flight."""
+    """Return small boxes at the corners of the plants, of the size of a cell, so that few cells cover what is found.
+
+    Their drag is all of its interval, and so is a lag that changes in flight.
+    """
     box, names = plants.box, [name for name in plants.box.constants(plants.lag_varies) if name != "drag"]
-    ends = [box.spread[name] for name in names]
-    values = [dict(zip(names, pick, strict=True)) for pick in itertools.product(*ends)]
-    return [Box(replace(box.low, **pick), replace(box.high, **pick)) for pick in values]
+    ends = []
+    for name in names:
+        low, high = box.spread[name]
+        width = (high - low) * _CELL
+        ends.append(((low, low + width), (high - width, high)))
+    corners = []
+    for pick in itertools.product(*ends):
+        least, most = ({name: pair[i] for name, pair in zip(names, pick, strict=True)} for i in (0, 1))
+        corners.append(Box(replace(box.low, **least), replace(box.high, **most)))
+    return corners
 
 
 @dataclass(frozen=True)
