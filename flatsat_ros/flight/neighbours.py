@@ -6,7 +6,7 @@ A drone in FLY follows its reference; everybody else is taken to stay where it w
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -61,6 +61,8 @@ class Neighbours:
         usable: (N,) whose state is known.
         seen: (M, 3) where the others were seen last, m; NaN if they never were.
         seen_at: (M,) when, s.
+        planned: the references of drones that fly a plan, by number.
+        proved: by pair of numbers, in order, what the drones of that plan keep, m, if both follow it.
     """
 
     def __init__(
@@ -72,6 +74,8 @@ class Neighbours:
         self.now = -math.inf
         self.state, self.usable = np.zeros((self.count, 6)), np.zeros(self.count, dtype=bool)
         self.seen, self.seen_at = np.full((len(others), 3), np.nan), np.full(len(others), math.inf)
+        self.planned: dict[int, Trajectory] = {}
+        self.proved: dict[tuple[int, int], float] = {}
         self._unseen = np.zeros(len(others), dtype=bool)  # who has not been seen for too long, and was told
         self._standing = policy.floor + STANDING_HEIGHT
         self._guidance, self._supervisor = guidance, supervisor
@@ -82,6 +86,18 @@ class Neighbours:
     def valid(self) -> str:
         """Which distances are, for people."""
         return f"at least {self.required:g} m, {DOWNWASH:g} times that vertically"
+
+    def kept(self, one: int, other: int) -> float | None:
+        """Return the distance, m, that the plan which two drones follow proves them to keep; None without one."""
+        distance = self.proved.get((min(one, other), max(one, other)))
+        if distance is None or not (self._follows_plan(one) and self._follows_plan(other)):
+            return None
+        return distance
+
+    def _follows_plan(self, index: int) -> bool:
+        planned = self.planned.get(index)
+        follows = planned is not None and self._guidance.references.trajectory(index) is planned
+        return follows and self.mode(index) is Mode.FLY
 
     def take_references(self) -> set[int]:
         """Take the references that have changed; return whose."""
@@ -160,6 +176,7 @@ class Neighbours:
         until: float = math.inf,
         scale: FloatArray = IN_THE_AIR,
         instead: Mapping[int, Track] | None = None,
+        without: Collection[int] = (),
     ) -> list[Conflict]:
         """Return who would come too near to robot index on a track, the first at first.
 
@@ -171,11 +188,12 @@ class Neighbours:
             until: s, until when.
             scale: how distances from it count.
             instead: where some of the others would be instead.
+            without: who does not count.
         """
         found = [
             (other, there)
             for other, there in self._candidates(index, track, instead or {})
-            if (scale * there.scale < 1.0).any()
+            if other not in without and (scale * there.scale < 1.0).any()
         ]
         if not found or not math.isfinite(self.now):  # before the first tick nobody flies
             return []
@@ -201,7 +219,8 @@ class Neighbours:
         gap = np.maximum(track.low.min(axis=0) - high, low - track.high.max(axis=0))
         near = ((np.maximum(gap, 0.0) * IN_THE_AIR) ** 2).sum(axis=1) < self.required**2  # unknown places are not
         for other in map(int, np.flatnonzero(near)):
-            there = self.presence(other) if other != index and other not in instead else None
+            elsewhere = other == index or other in instead or self.kept(index, other) is not None
+            there = None if elsewhere else self.presence(other)
             if there is not None:
                 yield other, there
         yield from ((other, Presence(theirs, IN_THE_AIR, False)) for other, theirs in instead.items() if other != index)

@@ -140,6 +140,39 @@ class Pilot:
         self.traffic.admit_trajectory(index, trajectory)
         self._begin(index, patient=True)
 
+    def set_planned(self, index: int, trajectory: Trajectory) -> None:
+        """Give drone index, which flies, its part of a plan whose pairs `traffic` was told with `Traffic.prove`.
+
+        Raises:
+            FlatsatError: it does not fly, or see `set_reference`.
+        """
+        self._supervisor.require_mode(index, Mode.FLY, purpose="fly a plan")
+        self._require_clear(index)
+        self._guidance.require_near(index, trajectory, self._now)
+        self.traffic.admit_planned(index, trajectory)
+        self._begin(index, patient=False)
+
+    def require_ready(self, index: int) -> None:
+        """Refuse drone index if it neither flies nor may take off.
+
+        Raises:
+            FlatsatError: it is in another mode, disarmed, or something keeps it on the ground.
+        """
+        self._require_clear(index)
+        if self.mode[index] != _FLY and not self._usable[index]:
+            raise FlatsatError("the drone's pose is not known: it needs fresh poses")
+        modes = (Mode.FLY, Mode.IDLE, Mode.UNLOCK, Mode.CUT, Mode.REST)
+        self._supervisor.require_mode(index, *modes, purpose="set out")
+
+    def follows(self, index: int) -> Trajectory | None:
+        """Return the reference of drone index while it flies, else None."""
+        return self._guidance.references.trajectory(index) if self.mode[index] == _FLY else None
+
+    def is_at_rest(self, index: int) -> bool:
+        """Tell whether drone index flies and its reference stays where it is, and it is not landing."""
+        resting = self._guidance.references.at_rest[index] and not self._guidance.landing[index]
+        return bool(resting and self.mode[index] == _FLY)
+
     def _require_clear(self, index: int) -> None:
         """Refuse a reference for drone index if it must not take off, or lands because its battery is empty.
 
@@ -232,6 +265,11 @@ class Pilot:
     def height(self) -> FloatArray:
         """(N,) estimated z of the last tick, m."""
         return self._state[:, 2]
+
+    @property
+    def places(self) -> FloatArray:
+        """(N, 3) estimated positions of the last tick, m, world frame."""
+        return self._state[:, :3]
 
     def hand_over(self, index: int) -> None:
         """Fall silent about drone index in flight: from now on somebody else must command it, within 0.5 s.

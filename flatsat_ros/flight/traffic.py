@@ -17,7 +17,7 @@ With `goal_mode: step` references jump, as in the paper: nothing is refused and 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -181,14 +181,31 @@ class Traffic:
         Raises:
             FlatsatError: it leaves the box or no margin inside the input set, or comes too near to another drone.
         """
+        self._admit(index, trajectory, ())
+
+    def _admit(self, index: int, trajectory: Trajectory, without: Collection[int]) -> None:
         if self._must_check():
             track, now = Track(trajectory), self._neighbours.now
-            conflicts = self._neighbours.conflicts(index, track)
+            conflicts = self._neighbours.conflicts(index, track, without=without)
             self._require_clear([conflict for conflict in conflicts if not conflict.rests])
             if conflicts:
-                self._require_clear(self._neighbours.conflicts(index, track, now + _SOON))
+                self._require_clear(self._neighbours.conflicts(index, track, now + _SOON, without=without))
         self._guidance.follow(index, trajectory)
         self._number(index)
+
+    def prove(self, pairs: Mapping[tuple[int, int], float]) -> None:
+        """Take note of what the drones of a plan keep, m, by pair of numbers in order, instead of the last plan's."""
+        self._neighbours.planned, self._neighbours.proved = {}, dict(pairs)
+
+    def admit_planned(self, index: int, trajectory: Trajectory) -> None:
+        """Give drone index its part of a plan; it keeps apart from the plan's other drones by what is proved of them.
+
+        Raises:
+            FlatsatError: see `admit_trajectory`.
+        """
+        there = self._neighbours
+        self._admit(index, trajectory, {i for pair in there.proved if index in pair for i in pair})
+        there.planned[index] = trajectory
 
     def withdraw(self, index: int) -> None:
         """Let no goal of drone index wait any longer; landings and disarming do that by themselves."""
@@ -354,13 +371,15 @@ class Traffic:
             return
         self._near &= {(i, j) for i, j, _ in pairs}
         for i, j, distance in pairs:
-            if distance < limit and (i, j) not in self._near and i < there.count:
+            kept = self._neighbours.kept(i, j)
+            must = limit if kept is None else min(kept, limit)
+            if distance < must and (i, j) not in self._near and i < there.count:
                 self._near.add((i, j))
-                self._part(i, j, distance)
+                self._part(i, j, distance, must)
 
-    def _part(self, i: int, j: int, distance: float) -> None:
+    def _part(self, i: int, j: int, distance: float, limit: float) -> None:
         """Let two robots that are too near brake, and the drone whose reference is older go on later."""
-        there, least = self._neighbours, f"at least {self._policy.separation:g} m, {DOWNWASH:g} times that vertically"
+        there, least = self._neighbours, f"at least {limit:.3g} m, {DOWNWASH:g} times that vertically"
         for index, other in ((i, j), (j, i)):
             if index >= there.count:
                 continue

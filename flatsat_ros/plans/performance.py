@@ -1,0 +1,282 @@
+"""A plan in flight: all its drones set out together, stand still together and go on together.
+
+Their progress is one number, so what the plan proves about distances holds at any pace (`plans.pacing`). New references
+are given a few per tick, ahead of the time from which they differ from the old ones, so that no tick takes longer for
+many drones. A drone that no longer follows the plan, whatever the reason, makes the others stand still.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from enum import Enum
+
+import numpy as np
+
+from flatsat_ros.base.errors import FlatsatError, refusal
+from flatsat_ros.flight.battery import Charge
+from flatsat_ros.flight.pilot import Pilot
+from flatsat_ros.flight.separation import IN_THE_AIR
+from flatsat_ros.flight.tick import Report
+from flatsat_ros.flight.trajectory import Trajectory
+from flatsat_ros.plans.pacing import braked, change_duration, resumed
+from flatsat_ros.plans.plan import Plan
+
+# references that are made in one tick
+_PER_TICK = 1
+# s, from the last of them to the time from which they differ from what was flown before
+_LEAD = 0.3
+# s, for which all must have been at their places, and for which they may take to get there
+_SETTLED, _PATIENCE = 0.5, 60.0
+
+
+class Phase(Enum):
+    """What is done with a plan; the value is what people are told."""
+
+    READY = "ready"
+    GATHERING = "gathering"
+    FLYING = "flying"
+    STOPPING = "stopping"
+    PAUSED = "paused"
+    FLOWN = "flown to its end"
+    ABORTED = "aborted"
+
+
+class Performance:
+    """One plan, flown by a pilot.
+
+    Attributes:
+        plan: what is flown.
+        phase: what is done now.
+    """
+
+    def __init__(self, plan: Plan, pilot: Pilot, names: Sequence[str]) -> None:
+        """Bind a verified plan to the drones of a pilot.
+
+        Args:
+            plan: what shall be flown.
+            pilot: flies the drones.
+            names: of the pilot's drones.
+
+        Raises:
+            FlatsatError: the plan is for drones that are not there, or for another input set.
+        """
+        plan.require_made_for(pilot.certificate)
+        for drone in plan.drones:
+            if drone.name not in names:
+                raise refusal(f"plan {plan.name!r}: drone", drone.name, "", f"one of {', '.join(names)}")
+        self.plan, self.phase = plan, Phase.READY
+        self._pilot, self._names = pilot, list(names)
+        self._indices = [self._names.index(drone.name) for drone in plan.drones]
+        self._references = {index: plan.trajectory(self._names[index]) for index in self._indices}
+        self._tubes = {self._names.index(drone.name): drone.tube.radius for drone in plan.drones}
+        self._change = change_duration(list(self._references.values()))
+        self._given: dict[int, Trajectory] = {}  # the references that are flown
+        self._pending: list[int] = []  # who still has to get one
+        self._make: Callable[[int], Trajectory] | None = None  # makes them
+        self._progress = 0.0  # s of the plan, where all stand still
+        self._origin = 0.0  # s of the clock, when it was 0, in flight
+        self._until = -math.inf  # s, when what is done now has ended
+        self._settled = math.inf  # s, since when all are at their places
+        self._lands = False  # once all stand still
+        self._reports: list[Report] = []
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether drones follow the plan now."""
+        return self.phase in (Phase.GATHERING, Phase.FLYING, Phase.STOPPING, Phase.PAUSED)
+
+    def start(self, now: float) -> str:
+        """Let all drones go to their first places and set out together once they are there; return what happens.
+
+        Raises:
+            FlatsatError: the plan is being flown, or a drone cannot fly; the text names it.
+        """
+        if self.is_busy:
+            raise FlatsatError(f"the plan is {self.phase.value}: pause, resume or abort it")
+        self._progress = 0.0
+        return self._gather(now)
+
+    def pause(self, now: float) -> str:
+        """Let all drones slow down together, and stand still where they then are; return what happens.
+
+        Raises:
+            FlatsatError: the plan is not being flown.
+        """
+        if self.phase is not Phase.FLYING:
+            raise FlatsatError(f"the plan is {self.phase.value}: only one that is flown can be paused")
+        self._stop(now)
+        return f"all stand still in {self._until - now:.1f} s; their distances stay proved"
+
+    def resume(self, now: float) -> str:
+        """Let all drones go on together from where they stand still; return what happens.
+
+        Raises:
+            FlatsatError: the plan is not paused, or a drone cannot fly; the text names it.
+        """
+        if self.phase is not Phase.PAUSED:
+            raise FlatsatError(f"the plan is {self.phase.value}: only one that is paused can be resumed")
+        return self._gather(now)
+
+    def abort(self, now: float) -> str:
+        """Let all drones stand still together, then land where they are; return what happens.
+
+        Raises:
+            FlatsatError: the plan is not being flown.
+        """
+        if not self.is_busy:
+            raise FlatsatError(f"the plan is {self.phase.value}: only one that is flown can be aborted")
+        if self.phase is Phase.FLYING:
+            self._stop(now)
+        self._lands = True
+        if self.phase is Phase.STOPPING:
+            seconds = f"in {max(self._until - now, 0.0):.1f} s"
+            return f"all stand still {seconds}, their distances proved until then; they land by the rules of separation"
+        self._land()
+        return "all land where they are, by the rules of separation: the plan proves nothing any more"
+
+    def look(self, now: float) -> list[Report]:
+        """Go on with what is done, once per tick before the pilot's; return what people should know."""
+        if self.phase is Phase.GATHERING:
+            self._look_who_is_there(now)
+        elif self.phase in (Phase.FLYING, Phase.STOPPING):
+            self._hand_out(now)
+            self._look_who_follows(now)
+        if now >= self._until and not self._pending:
+            if self.phase is Phase.FLYING:
+                self.phase = Phase.FLOWN
+                self._tell("the plan has been flown to its end: all hold their last places")
+            elif self.phase is Phase.STOPPING:
+                self._rest()
+        reports, self._reports = self._reports, []
+        return reports
+
+    def _gather(self, now: float) -> str:
+        """Send all drones to where the plan stands."""
+        for index in self._indices:
+            try:
+                self._pilot.require_ready(index)
+                if self._pilot.batteries.charges[index] in (Charge.LOW, Charge.EMPTY):
+                    raise FlatsatError("its battery is low: it must be charged")
+            except FlatsatError as error:
+                raise FlatsatError(f"{self._names[index]}: {error}") from error
+        away = [index for index in self._indices if not self._is_there(index)]
+        for index in away:
+            try:
+                self._pilot.set_goal(index, self._place(index), self._references[index].yaw)
+            except FlatsatError as error:
+                raise FlatsatError(f"{self._names[index]} cannot go to where the plan begins: {error}") from error
+        self.phase, self._until, self._settled = Phase.GATHERING, now + _PATIENCE, math.inf
+        self._lands = False
+        if not away:
+            return f"all {len(self._indices)} drones are at their places and set out"
+        return "first " + ", ".join(self._names[index] for index in away) + " go to their places; then all set out"
+
+    def _place(self, index: int) -> np.ndarray:
+        """Return where drone index stands by the plan now, (3,) m."""
+        return self._references[index].sample(self._progress)[:3]
+
+    def _is_there(self, index: int) -> bool:
+        """Tell whether drone index rests inside its tube about where it stands by the plan."""
+        place = self._place(index)
+        follows = self._pilot.follows(index)
+        if follows is None or not self._pilot.is_at_rest(index) or float(np.abs(follows.end - place).max()) > 1e-3:
+            return False
+        return float(np.linalg.norm((self._pilot.places[index] - place) * IN_THE_AIR)) <= self._tubes[index]
+
+    def _look_who_is_there(self, now: float) -> None:
+        """Let all set out once all have been at their places for a moment; give up after a minute."""
+        missing = [index for index in self._indices if not self._is_there(index)]
+        self._settled = min(self._settled, now) if not missing else math.inf
+        if now - self._settled >= _SETTLED:
+            self._set_out(now)
+        elif now >= self._until:
+            names = ", ".join(self._names[index] for index in missing)
+            self._tell(f"the plan does not begin: after {_PATIENCE:g} s {names} are not at their places; all hold")
+            self.phase = Phase.ABORTED if self._progress == 0.0 else Phase.PAUSED
+
+    def _set_out(self, now: float) -> None:
+        """Let all go on from where they stand, at one time."""
+        begin = self._begin(now)
+        if self._progress == 0.0:  # a plan begins at rest
+            origin = begin
+            self._make = lambda index: self._references[index].shifted(origin)
+        else:
+            progress = self._progress
+            origin = begin + self._change / 2.0 - progress
+            self._make = lambda index: resumed(self._references[index], progress, begin, self._change)
+        self._pilot.traffic.prove(self._kept())
+        self._given.clear()
+        self.phase, self._origin, self._until = Phase.FLYING, origin, origin + self.plan.duration
+        self._tell(f"the plan is flown from {begin - now:.1f} s on: all set out together")
+
+    def _stop(self, now: float) -> None:
+        """Let all slow down, from one time on, and stand still."""
+        begin, origin, before = self._begin(now), self._origin, dict(self._given)
+
+        def make(index: int) -> Trajectory:
+            flown = before.get(index)
+            return braked(self._references[index].shifted(origin) if flown is None else flown, begin, self._change)
+
+        self._make = make
+        self.phase, self._until = Phase.STOPPING, begin + self._change
+        self._progress = float(np.clip(begin + self._change / 2.0 - origin, 0.0, self.plan.duration))
+
+    def _begin(self, now: float) -> float:
+        """Let all get new references; return from when on they differ from the old ones, s."""
+        self._pending = [index for index in self._indices if self._pilot.follows(index) is not None]
+        ticks = math.ceil(len(self._pending) / _PER_TICK)
+        return now + _LEAD + ticks * self._pilot.certificate.period
+
+    def _hand_out(self, now: float) -> None:
+        """Give some drones the references that are due."""
+        for index in self._pending[:_PER_TICK]:
+            self._pending.remove(index)
+            if self._make is None or (index in self._given and self._pilot.follows(index) is not self._given[index]):
+                continue
+            trajectory = self._make(index)
+            try:
+                self._pilot.set_planned(index, trajectory)
+                self._given[index] = trajectory
+            except FlatsatError as error:
+                self._tell(f"{self._names[index]} cannot follow the plan: {error}; it holds", index)
+                self._pilot.hold(index)
+
+    def _look_who_follows(self, now: float) -> None:
+        """Let the others stand still if a drone does not follow the plan."""
+        given = (index for index in self._indices if index not in self._pending)
+        left = [index for index in given if self._pilot.follows(index) is not self._given.get(index)]
+        if not left or self.phase is not Phase.FLYING:
+            return
+        why = ", ".join(self._names[index] for index in left)
+        self._stop(now)
+        self._tell(f"{why} does not follow the plan any more: the others stand still in {self._until - now:.1f} s")
+
+    def _rest(self) -> None:
+        if self._lands:
+            self._land()
+            return
+        self.phase = Phase.PAUSED
+        self._tell("the plan is paused: all stand still")
+
+    def _land(self) -> None:
+        self.phase, self._pending = Phase.ABORTED, []
+        for index in self._indices:
+            if self._pilot.follows(index) is not None:
+                try:
+                    self._pilot.land(index)
+                except FlatsatError as error:
+                    self._tell(f"{self._names[index]} does not land: {error}", index)
+        self._tell("the plan is aborted: all land where they are")
+
+    def _kept(self) -> dict[tuple[int, int], float]:
+        """Return what measured distances the plan proves, m, for drones that are inside their tubes."""
+        kept = {}
+        for pair in self.plan.pairs:
+            first, second = self._names.index(pair.first), self._names.index(pair.second)
+            distance = pair.distance * 1e-4 - self._tubes[first] - self._tubes[second]
+            kept[min(first, second), max(first, second)] = distance
+        return kept
+
+    def _tell(self, text: str, index: int | None = None) -> None:
+        self._reports.append(Report(self._indices[0] if index is None else index, text))
