@@ -36,6 +36,7 @@ from flatsat_ros.nodes.flight_report import FlightLog, report_flight
 from flatsat_ros.nodes.flight_services import FlightServices
 from flatsat_ros.nodes.last_resort import LastResort
 from flatsat_ros.nodes.other_robots import declare_others, follow_others
+from flatsat_ros.nodes.plan_control import PlanControl, declare_plan
 from flatsat_ros.nodes.policy import declare_policy
 from flatsat_ros.nodes.rivals import Rivals
 from flatsat_ros.nodes.ros import cdr, interfaces, messages
@@ -100,6 +101,7 @@ class ControllerNode(ProgramNode):
         )
         self._world = declare(self, "world_frame", "world", "frame_id of poses, goals and trajectories").encode()
         others = declare_others(self, self.robots)
+        plan = declare_plan(self)
         require_known_parameters(self)
         self._pilot = Pilot(self._certificate, tuning.tuning(), policy, len(self.robots), self.robots, others)
         tuning.follow(self._pilot.retune)
@@ -131,6 +133,7 @@ class ControllerNode(ProgramNode):
             "hand_over": self._hand_over,
         }
         steered = {name: partial(self._steer, act) for name, act in actions.items()}
+        self._plans = PlanControl(self, plan, self.robots, self._pilot, lambda: self._stamps.now, self._log)
         FlightServices(self, self.robots, steered, partial(self._steer, self._arm), self._log)
         self._links = [DroneLink(self, robot) for robot in self.robots]
         self.create_timer(self._certificate.period, self._on_tick)
@@ -177,6 +180,7 @@ class ControllerNode(ProgramNode):
     def destroy_node(self) -> None:
         """Destroy what belongs to the node, too."""
         self._rivals.close()
+        self._plans.close()
         super().destroy_node()  # type: ignore[no-untyped-call]
 
     def _connect(self, index: int, robot: str) -> None:
@@ -283,6 +287,9 @@ class ControllerNode(ProgramNode):
         if self._rivals.starting:
             with self.faults.contain("rivals"):
                 self._rivals.look_before_start(self._poses)
+        with self.faults.contain("plan"):
+            for drone, text in self._plans.look(self._stamps.now):
+                self._log.report(self.robots[drone], text)
         tick = self._step()
         for index in range(len(self.robots)):
             self._send(index, self._silence if tick is None else tick.command)

@@ -26,6 +26,7 @@ _JUMPS = np.linalg.inv(np.array([[math.perm(power, order) for power in range(4, 
 # s, that a change of pace may take: the shortest whose jerk and snap exceed the reference's by less than a tenth
 _CHANGES = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
 _EXCESS = 1.1
+_TINY = 1e-300
 _LOOKS = 200  # times at which a reference is looked at for that
 _FACTORIALS = np.array([math.factorial(order) for order in range(4)], dtype=float)
 _BINOMIALS = np.array([[math.comb(j, i) for j in range(SIZE)] for i in range(SIZE)], dtype=float)
@@ -86,7 +87,7 @@ def change_duration(references: Sequence[Trajectory]) -> float:
     slope, bend = 30.0 * u**2 * (1.0 - u) ** 2, np.abs(60.0 * u * (1.0 - u) * (1.0 - 2.0 * u))
     turn = np.abs(60.0 * (1.0 - 6.0 * u * (1.0 - u)))
     sizes = []
-    most = np.zeros(5)
+    most = np.full(5, _TINY)
     for reference in references:
         times = np.linspace(reference.times[0], reference.times[-1], _LOOKS)
         sizes.append((times, np.linalg.norm(_rates(reference, times), axis=2)))

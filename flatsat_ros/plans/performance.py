@@ -19,8 +19,8 @@ from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.separation import IN_THE_AIR
 from flatsat_ros.flight.tick import Report
 from flatsat_ros.flight.trajectory import Trajectory
-from flatsat_ros.plans.pacing import braked, change_duration, resumed
-from flatsat_ros.plans.plan import Plan
+from flatsat_ros.plans.pacing import braked, resumed
+from flatsat_ros.plans.prepared import PreparedPlan
 
 # references that are made in one tick
 _PER_TICK = 1
@@ -50,17 +50,18 @@ class Performance:
         phase: what is done now.
     """
 
-    def __init__(self, plan: Plan, pilot: Pilot, names: Sequence[str]) -> None:
+    def __init__(self, prepared: PreparedPlan, pilot: Pilot, names: Sequence[str]) -> None:
         """Bind a verified plan to the drones of a pilot.
 
         Args:
-            plan: what shall be flown.
+            prepared: what shall be flown.
             pilot: flies the drones.
             names: of the pilot's drones.
 
         Raises:
             FlatsatError: the plan is for drones that are not there, or for another input set.
         """
+        plan = prepared.plan
         plan.require_made_for(pilot.certificate)
         for drone in plan.drones:
             if drone.name not in names:
@@ -68,9 +69,9 @@ class Performance:
         self.plan, self.phase = plan, Phase.READY
         self._pilot, self._names = pilot, list(names)
         self._indices = [self._names.index(drone.name) for drone in plan.drones]
-        self._references = {index: plan.trajectory(self._names[index]) for index in self._indices}
+        self._references = {index: prepared.references[self._names[index]] for index in self._indices}
         self._tubes = {self._names.index(drone.name): drone.tube.radius for drone in plan.drones}
-        self._change = change_duration(list(self._references.values()))
+        self._change = prepared.change
         self._given: dict[int, Trajectory] = {}  # the references that are flown
         self._pending: list[int] = []  # who still has to get one
         self._make: Callable[[int], Trajectory] | None = None  # makes them

@@ -75,6 +75,8 @@ REFUSALS = Topic("flatsat/refusals", String, _reliable(10), _reliable(10))
 ALL = "all"
 TRIGGERS = ("takeoff", "land", "hold", "hand_over")
 ARM = "arm"
+# of the controller, for all drones of a plan together
+PLAN_TRIGGERS = ("plan/start", "plan/pause", "plan/resume", "plan/abort")
 
 
 def service_of(robot: str, name: str) -> str:

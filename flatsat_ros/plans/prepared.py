@@ -1,0 +1,85 @@
+"""A plan made ready for flight in a process of its own: reading and proving it must not delay a tick.
+
+`python -m flatsat_ros.plans.prepared FILE` writes to its standard output what `received` reads.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.flight.trajectory import Trajectory
+from flatsat_ros.plans.pacing import change_duration
+from flatsat_ros.plans.plan import Plan
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedPlan:
+    """A verified plan with what its flight needs.
+
+    Attributes:
+        plan: verified.
+        references: by drone, from time 0 on.
+        change: how long a change of pace takes, s.
+    """
+
+    plan: Plan
+    references: Mapping[str, Trajectory]
+    change: float
+
+    @classmethod
+    def of(cls, plan: Plan) -> PreparedPlan:
+        """Make a verified plan ready."""
+        references = {drone.name: drone.curve.trajectory(drone.yaw) for drone in plan.drones}
+        return cls(plan, references, change_duration(list(references.values())))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> PreparedPlan:
+        """Read a plan, verify it and make it ready.
+
+        Raises:
+            FlatsatError: see `Plan.load`.
+        """
+        return cls.of(Plan.load(path))
+
+
+def command(path: Path) -> list[str]:
+    """Return the command line of the process that prepares a plan."""
+    return [sys.executable, "-m", "flatsat_ros.plans.prepared", str(path)]
+
+
+def received(output: BinaryIO) -> PreparedPlan:
+    """Return what that process has written.
+
+    Raises:
+        FlatsatError: the plan was refused, or the process has failed.
+    """
+    try:
+        found = pickle.load(output)
+    except Exception as error:
+        raise FlatsatError("the plan could not be prepared: its process failed, see its output above") from error
+    if not isinstance(found, PreparedPlan):
+        raise FlatsatError(str(found))
+    return found
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Prepare the plan that is named."""
+    try:
+        found: PreparedPlan | str = PreparedPlan.load(arguments[0])
+    except FlatsatError as error:
+        found = str(error)
+    pickle.dump(found, sys.stdout.buffer)
+
+
+if __name__ == "__main__":
+    # under its own name, so that classes are found where `received` looks for them
+    from flatsat_ros.plans import prepared
+
+    prepared.main(sys.argv[1:])

@@ -1,0 +1,88 @@
+"""At another pace a reference stays on its way, smoothly, and ends where it should."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.flight.trajectory import Trajectory
+from flatsat_ros.plans import Curve
+from flatsat_ros.plans.pacing import braked, change_duration, resumed
+
+START, LENGTH = 100.0, 8.0
+NANOMETRE = 1e-9
+
+
+@st.composite
+def references(draw: st.DrawFn) -> Trajectory:
+    """Ten seconds and more through random places about a metre apart."""
+    steps = st.lists(st.tuples(*[st.floats(-0.3, 0.3)] * 3), min_size=21, max_size=21)
+    points = np.cumsum(np.array(draw(steps)), axis=0)
+    points[1:4], points[-4:] = points[0], points[-1]
+    return Curve.rounded([round(1e6 * LENGTH * i / 16) for i in range(17)], points).trajectory(0.3).shifted(START)
+
+
+def law(begin: float, duration: float, times: FloatArray) -> FloatArray:
+    """The progress while it slows down, computed as an integral of the pace."""
+    u = np.linspace(0.0, 1.0, 20001)
+    pace = 1.0 - u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+    area = np.concatenate([[0.0], np.cumsum((pace[1:] + pace[:-1]) / 2.0 * np.diff(u))])
+    shares = np.clip((times - begin) / duration, 0.0, 1.0)
+    return np.asarray(np.minimum(times, begin) + duration * np.interp(shares, u, area))
+
+
+@given(references(), st.floats(-1.0, LENGTH + 1.0), st.floats(1.0, 4.0))
+@settings(max_examples=25)
+def test_a_braked_reference_stays_on_its_way(reference: Trajectory, at: float, duration: float) -> None:
+    begin = START + at
+    slowed = braked(reference, begin, duration)
+    assert slowed.yaw == reference.yaw
+    times = np.linspace(begin - 2.0, begin + duration + 1.0, 101)
+    for time, progress in zip(times, law(begin, duration, times), strict=True):
+        assert slowed.sample(time)[:3] == pytest.approx(reference.sample(progress)[:3], abs=10 * NANOMETRE)
+    assert slowed.end == pytest.approx(reference.sample(begin + duration / 2.0)[:3], abs=NANOMETRE)
+
+
+@given(references(), st.floats(-1.0, LENGTH + 1.0), st.floats(1.0, 4.0), st.floats(0.0, 50.0))
+@settings(max_examples=25)
+def test_a_resumed_reference_goes_on_as_if_it_had_begun_later(
+    reference: Trajectory, at: float, duration: float, pause: float
+) -> None:
+    stands, begin = START + at, START + at + pause
+    going = resumed(reference, stands, begin, duration)
+    assert going.sample(begin - 1.0)[:3] == pytest.approx(reference.sample(stands)[:3], abs=NANOMETRE)
+    assert not going.sample(begin)[3:].any()
+    delay = begin + duration - (stands + duration / 2.0)
+    for time in np.linspace(begin + duration, START + LENGTH + delay + 1.0, 50):
+        assert going.sample(time) == pytest.approx(reference.sample(time - delay), abs=1e-8)
+    assert going.end == pytest.approx(reference.end, abs=NANOMETRE)
+
+
+@given(references(), st.floats(0.0, LENGTH))
+@settings(max_examples=25)
+def test_nothing_jumps_up_to_the_jerk(reference: Trajectory, at: float) -> None:
+    begin, duration = START + at, 2.0
+    snap = 1.0 + 60.0 * reference.demand().max()  # loose: it shall only not be infinite
+    for changed in (braked(reference, begin, duration), resumed(reference, begin, begin, duration)):
+        for time in changed.times:
+            before, after = changed.sample(time - 1e-7), changed.sample(time + 1e-7)
+            assert before == pytest.approx(after, abs=1e-5)
+            assert changed.jerk(time - 1e-7) == pytest.approx(changed.jerk(time + 1e-7), abs=1e-4 + 2e-7 * snap)
+
+
+@given(references(), references())
+@settings(max_examples=5)
+def test_a_change_asks_for_hardly_more_than_the_reference_where_it_can_be_had(a: Trajectory, b: Trajectory) -> None:
+    duration = change_duration([a, b])
+    most = max(
+        np.linalg.norm(reference.jerk(t)) for reference in (a, b) for t in np.linspace(START, START + LENGTH, 200)
+    )
+    asked = 0.0
+    for begin in np.linspace(START, START + LENGTH, 9):
+        for reference in (a, b):
+            slowed = braked(reference, begin, duration)
+            asked = max(asked, *(float(np.linalg.norm(slowed.jerk(t))) for t in begin + np.linspace(0.0, duration, 60)))
+    assert asked <= 1.12 * most or duration == 4.0

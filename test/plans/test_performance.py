@@ -1,0 +1,172 @@
+"""Plans in flight: all set out, stand still and go on together, and keep apart; who leaves makes the others stop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.certificate.certificate import load_certificate
+from flatsat_ros.crazyflie.vehicle import load_vehicle
+from flatsat_ros.flight.pilot import Pilot
+from flatsat_ros.flight.policy import Policy
+from flatsat_ros.flight.separation import IN_THE_AIR
+from flatsat_ros.flight.tick import Tick
+from flatsat_ros.law.gain import Tuning
+from flatsat_ros.plans import Bounds, Curve, Plan, PlannedDrone, Tube
+from flatsat_ros.plans.performance import Performance, Phase
+from flatsat_ros.plans.prepared import PreparedPlan
+from flatsat_ros.sim.closed_loop import fly
+from flatsat_ros.sim.fleet import SimulatedFleet
+from flatsat_ros.sim.sensor import Sample
+
+CERTIFICATE, VEHICLE = load_certificate("cf21_50hz"), load_vehicle("cf21")
+NAMES = ("cf1", "cf2", "cf3")
+STARTS = ((0.0, 0.0, 1.0), (1.6, 0.0, 1.0))
+
+
+def curve(start: Sequence[float], goal: Sequence[float], aside: float) -> Curve:
+    """From rest to rest in 8 s, with a detour to the side, m."""
+    share = np.clip((np.arange(17) - 3) / 10, 0.0, 1.0)[:, np.newaxis]
+    way = share**3 * (10 - 15 * share + 6 * share**2)
+    points = (
+        np.array(start) + way * np.subtract(goal, start) + 16 * (way * (1 - way)) ** 2 * np.array([0.0, aside, 0.0])
+    )
+    return Curve.rounded([round(8e6 * i / 12) for i in range(13)], points)
+
+
+def swap(tube: float = 0.08, names: Sequence[str] = NAMES[:2]) -> PreparedPlan:
+    bounds = Bounds(0.8, 2.0, 20.0, np.array([-1.0, -1.0, 0.0]), np.array([3.0, 1.0, 2.0]))
+    ways = [curve(STARTS[0], STARTS[1], -0.3), curve(STARTS[1], STARTS[0], 0.3)]
+    drones = [PlannedDrone(name, way, 0.12, Tube(tube)) for name, way in zip(names, ways, strict=True)]
+    limits = CERTIFICATE.limits
+    plan = Plan.of(drones, name="swap", certificate=CERTIFICATE.name, limits=limits, bounds=bounds)
+    plan.verify()
+    return PreparedPlan.of(plan)
+
+
+class Lab:
+    """Three simulated drones, of which two have a plan."""
+
+    def __init__(self, plan: PreparedPlan | None = None) -> None:
+        policy = Policy(disturbance_max=0.8, drag=VEHICLE.dynamics.drag_z)
+        self.pilot = Pilot(CERTIFICATE, Tuning(2.0, 0.05, 1.0, CERTIFICATE.gain_max), policy, 3, NAMES)
+        self.fleet = SimulatedFleet(VEHICLE, 3, start=[[0.1, 0.0, 0.0], [1.6, 0.1, 0.0], [0.8, 2.0, 0.0]])
+        self.plan = swap() if plan is None else plan
+        self.performance = Performance(self.plan, self.pilot, NAMES)
+        self.now, self.told, self.least = 0.0, [], np.inf
+        self.fly(1.0)
+
+    def fly(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
+        end = self.now + seconds
+        while self.now < end - 1e-6 and not until():
+            self.told += [report.text for report in self.performance.look(self.now)]
+            following = self.now + CERTIFICATE.period
+            fly(self.pilot, self.fleet, VEHICLE, following, self._observe, start=self.now)
+            self.now = following
+
+    def _observe(self, now: float, samples: list[Sample], tick: Tick, sent: object) -> None:
+        place = self.fleet.bodies.position
+        if place[:2, 2].min() > 0.5:
+            self.least = min(self.least, float(np.linalg.norm((place[0] - place[1]) * IN_THE_AIR)))
+
+    def fly_until(self, phase: Phase, seconds: float = 20.0) -> None:
+        self.fly(seconds, lambda: self.performance.phase is phase)
+        assert self.performance.phase is phase, self.told
+
+    def off(self, ends: Sequence[Sequence[float]]) -> float:
+        return float(np.linalg.norm(self.fleet.bodies.position[:2] - ends, axis=1).max())
+
+
+@pytest.fixture(scope="module")
+def flown() -> Lab:
+    """From the floor to the first places, off, paused, resumed, to the end; the distance at the pause is noted."""
+    lab = Lab()
+    assert "cf1, cf2 go to their places" in lab.performance.start(lab.now)
+    lab.fly_until(Phase.FLYING)
+    lab.fly(3.0)
+    lab.performance.pause(lab.now)
+    lab.fly_until(Phase.PAUSED)
+    lab.fly(3.0)
+    lab.stood = lab.fleet.bodies.position[:2].copy()  # type: ignore[attr-defined]
+    lab.fly(1.0)
+    lab.moved = float(np.abs(lab.fleet.bodies.position[:2] - lab.stood).max())  # type: ignore[attr-defined]
+    lab.performance.resume(lab.now)
+    lab.fly_until(Phase.FLOWN)
+    lab.fly(2.0)
+    return lab
+
+
+def test_drones_go_to_their_places_fly_the_plan_and_hold_at_its_end(flown: Lab) -> None:
+    assert flown.off([STARTS[1], STARTS[0]]) < 0.03
+    assert flown.told[0].startswith("the plan is flown from")
+    assert flown.told[-1] == "the plan has been flown to its end: all hold their last places"
+
+
+def test_they_keep_what_is_proved_at_any_pace(flown: Lab) -> None:
+    (pair,) = flown.plan.plan.pairs
+    tubes = 2 * 0.08
+    assert pair.distance * 1e-4 - tubes <= flown.least < pair.distance * 1e-4 + tubes
+
+
+def test_a_pause_ends_on_the_way_at_the_same_progress(flown: Lab) -> None:
+    assert flown.moved < 0.02  # type: ignore[attr-defined]
+    stood = flown.stood  # type: ignore[attr-defined]
+    progress = np.linspace(0.0, 8.0, 4001)
+    ways = np.array([[flown.plan.references[name].sample(t)[:3] for t in progress] for name in NAMES[:2]])
+    away = np.linalg.norm(ways - stood[:, np.newaxis], axis=2).max(axis=0)
+    best = int(away.argmin())
+    assert away[best] < 0.03
+    assert 2.5 < progress[best] < 6.0
+
+
+def test_if_one_leaves_the_plan_the_others_stand_still() -> None:
+    lab = Lab()
+    lab.performance.start(lab.now)
+    lab.fly_until(Phase.FLYING)
+    lab.fly(1.5)
+    lab.pilot.land(0)
+    lab.fly_until(Phase.PAUSED, 8.0)
+    assert any("cf1 does not follow the plan any more" in text for text in lab.told)
+    lab.fly(1.5)
+    assert np.abs(lab.fleet.bodies.velocity[1]).max() < 0.05
+    assert lab.pilot.mode[1] == 2
+    with pytest.raises(FlatsatError, match="only one that is flown can be paused"):
+        lab.performance.pause(lab.now)
+
+
+def test_an_aborted_plan_stands_still_then_lands() -> None:
+    lab = Lab()
+    lab.performance.start(lab.now)
+    lab.fly_until(Phase.FLYING)
+    lab.fly(2.0)
+    said = lab.performance.abort(lab.now)
+    assert "their distances proved until then" in said
+    lab.fly_until(Phase.ABORTED, 8.0)
+    lab.fly(12.0, lambda: float(lab.fleet.bodies.position[:, 2].max()) < 0.01)
+    assert lab.fleet.bodies.position[:, 2].max() < 0.05
+    assert "the plan is aborted: all land where they are" in lab.told
+
+
+def test_a_plan_begins_only_with_drones_that_can_fly() -> None:
+    lab = Lab()
+    lab.pilot.arm(1, False)
+    with pytest.raises(FlatsatError, match="cf2: the drone is disarmed"):
+        lab.performance.start(lab.now)
+    assert lab.performance.phase is Phase.READY
+    with pytest.raises(FlatsatError, match="the plan is ready: only one that is flown can be aborted"):
+        lab.performance.abort(lab.now)
+    with pytest.raises(FlatsatError, match="only one that is paused can be resumed"):
+        lab.performance.resume(lab.now)
+
+
+def test_plans_for_other_drones_or_limits_are_refused() -> None:
+    lab = Lab()
+    with pytest.raises(FlatsatError, match="drone = 'cf9': must be one of cf1, cf2, cf3"):
+        Performance(swap(names=("cf1", "cf9")), lab.pilot, NAMES)
+    paper = load_certificate("paper_simulation")
+    pilot = Pilot(paper, Tuning(2.0, 0.05, 1.0, paper.gain_max), Policy(), 3, NAMES)
+    with pytest.raises(FlatsatError, match="thrust_max of certificate 'paper_simulation'"):
+        Performance(swap(), pilot, NAMES)
