@@ -188,13 +188,14 @@ def test_every_topic_is_documented_with_its_ends_type_and_quality(page: str, off
 
 
 def test_every_service_is_documented_with_its_type(page: str, offers: dict[str, Offer]) -> None:
-    controllers, drones, commanders = tables(section(page, "## Services"))
+    controllers, plans, drones, commanders = tables(section(page, "## Services"))
     installed = find_spec("crazyflie_interfaces") is not None
     documented = {
         ("controller", interfaces.service_of(who, names(name)[0]), what)
         for name, what, *_ in controllers
         for who in ("<robot>", interfaces.ALL)
     }
+    documented |= {("controller", names(cell)[0], "std_srvs/Trigger") for cell, *_ in plans}
     for program in {"sim_drone", "cflib_bridge"} & set(offers):
         for cell, what, _ in drones:
             own, *crazyswarms = re.findall(r"\w+/\w+", what)

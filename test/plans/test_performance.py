@@ -166,7 +166,7 @@ def test_plans_for_other_drones_or_limits_are_refused() -> None:
     lab = Lab()
     with pytest.raises(FlatsatError, match="drone = 'cf9': must be one of cf1, cf2, cf3"):
         Performance(swap(names=("cf1", "cf9")), lab.pilot, NAMES)
-    paper = load_certificate("paper_simulation")
+    paper = load_certificate("paper_robust")
     pilot = Pilot(paper, Tuning(2.0, 0.05, 1.0, paper.gain_max), Policy(), 3, NAMES)
-    with pytest.raises(FlatsatError, match="thrust_max of certificate 'paper_simulation'"):
+    with pytest.raises(FlatsatError, match="thrust_max of certificate 'paper_robust'"):
         Performance(swap(), pilot, NAMES)
