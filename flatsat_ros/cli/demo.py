@@ -1,4 +1,4 @@
-"""The demo: three simulated Crazyflies swap places (Test 2 of the paper), every node its own process."""
+"""The demo: three simulated Crazyflies swap places, as the controller flies by default, every node its own process."""
 
 from __future__ import annotations
 
@@ -20,20 +20,24 @@ def _parser() -> shell.Parser:
     from flatsat_ros.demo.scenario import LEG_TIME
 
     parser = shell.Parser("demo", __doc__)
-    parser.add_argument("--dynamics", choices=("identified", "ideal"), default="identified", help="of the drones")
+    parser.add_argument("--paper", action="store_true", help="fly Test 2 of the paper, with its certificate at 10 Hz")
+    parser.add_argument(
+        "--dynamics",
+        choices=("identified", "ideal"),
+        default="identified",
+        help="of the drones; ideal ones with --paper",
+    )
     parser.add_argument(
         "--seconds",
         type=float,
         default=3 * LEG_TIME,
-        help=f"of swapping, rounded up to whole legs of {LEG_TIME:g} s (default: %(default)g)",
+        help=f"of swapping, in legs of {LEG_TIME:g} s, or as slow as the certificate wants (default: %(default)g)",
     )
     parser.add_argument("--robots", type=int, default=3, help="number of drones (default: %(default)s)")
-    parser.add_argument("--rate", type=float, help="of the controller, Hz (default: the certificate's)")
+    parser.add_argument("--rate", type=float, help="of the controller, Hz, with --paper (default: the certificate's)")
     parser.add_argument("--headless", action="store_true", help="one process on simulated time, no ROS: fast, no bag")
     parser.add_argument("--console", action="store_true", help="show the flight live on a page of this machine, too")
-    parser.add_argument(
-        "--offset-free", action="store_true", help="compensate the estimated disturbance, beyond the paper's law"
-    )
+    parser.add_argument("--offset-free", action="store_true", help="with --paper, compensate the estimated disturbance")
     parser.add_argument(
         "--output", type=shell.path, default=Path("out/demo"), help="for the results (default: %(default)s)"
     )
@@ -44,8 +48,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from flatsat_ros.base.errors import FlatsatError
     from flatsat_ros.base.files import write_text
     from flatsat_ros.demo import headless, live, pictures, record
-    from flatsat_ros.demo.scenario import DISTURBANCE_MAX, plan
-    from flatsat_ros.flight.policy import Policy
+    from flatsat_ros.demo.scenario import plan
     from flatsat_ros.viewing.bag import read_flight
     from flatsat_ros.viewing.page import report
     from flatsat_ros.viewing.recorder import Recorder, setup_of
@@ -62,10 +65,11 @@ def _run(arguments: argparse.Namespace) -> int:
         arguments.seconds,
         arguments.rate,
         arguments.dynamics,
-        DISTURBANCE_MAX if arguments.offset_free else 0.0,
+        paper=arguments.paper,
+        offset_free=arguments.offset_free,
     )
     if arguments.headless:
-        recorder = Recorder(scenario.robots, setup_of(scenario.certificate, Policy()))
+        recorder = Recorder(scenario.robots, setup_of(scenario.certificate, scenario.policy))
         flown = headless.fly(scenario, recorder.observe)
         shown = recorder.flight("Swap on simulated time")
     else:

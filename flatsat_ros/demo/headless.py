@@ -11,11 +11,10 @@ from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint, input_from_setpoint
 from flatsat_ros.demo.choreography import Stage, perform
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
-from flatsat_ros.demo.scenario import GAMMA_0, MU, POSE_NOISE, V_INF, VEHICLE, Scenario, record_of
+from flatsat_ros.demo.scenario import GAMMA_0, LINK_DELAY, MU, POSE_NOISE, V_INF, VEHICLE, Scenario, record_of
 from flatsat_ros.flight import telemetry
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.pilot import Pilot
-from flatsat_ros.flight.policy import GoalMode, Policy
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
@@ -63,16 +62,15 @@ class _Simulation(Stage):
         count, certificate = len(scenario.robots), scenario.certificate
         self._scenario, self._observer = scenario, observe
         self._vehicle = load_vehicle(VEHICLE)
-        tuning = Tuning(MU, V_INF, GAMMA_0, certificate.gain_max, restart=False)
-        self._pilot = Pilot(
-            certificate, tuning, Policy(disturbance_max=scenario.disturbance_max, goal_mode=GoalMode.STEP), count
-        )
+        tuning = Tuning(MU, V_INF, GAMMA_0, certificate.gain_max, restart=not scenario.paper)
+        self._pilot = Pilot(certificate, tuning, scenario.policy, count)
         self._fleet = SimulatedFleet(
             self._vehicle,
             count,
             dynamics=scenario.dynamics,
             start=scenario.start,
             capture=MotionCapture(noise=POSE_NOISE),
+            command_delay=0.0 if scenario.paper else LINK_DELAY,
         )
         self._next = 0  # number of the next tick
         self.poses: list[list[list[float]]] = [[] for _ in range(count)]

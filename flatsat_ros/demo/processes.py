@@ -12,7 +12,7 @@ from pathlib import Path
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.files import make_folder
-from flatsat_ros.demo.scenario import GAMMA_0, MU, POSE_NOISE, V_INF, VEHICLE, Scenario
+from flatsat_ros.demo.scenario import GAMMA_0, LINK_DELAY, MU, POSE_NOISE, V_INF, VEHICLE, Scenario
 
 _GOODBYE = 5.0  # s, that a node has to end by itself, and once more after a second signal, before it is killed
 
@@ -21,6 +21,7 @@ Nodes = Mapping[str, "subprocess.Popen[bytes]"]
 
 def commands_of(scenario: Scenario, namespace: str) -> dict[str, list[str]]:
     """Return the command line of every node by name: one controller, and a sim_drone for each drone."""
+    link_delay = 0.0 if scenario.paper else LINK_DELAY
     commands = {
         "controller": command_of(
             "controller_node",
@@ -33,10 +34,11 @@ def commands_of(scenario: Scenario, namespace: str) -> dict[str, list[str]]:
                 "v_inf": repr(V_INF),
                 "gamma_0": repr(GAMMA_0),
                 "takeoff_height": repr(scenario.height),
-                "restart_gain": "false",
-                "goal_mode": "step",
-                "thrust_error_max": "0.0",
-                "disturbance_max": repr(scenario.disturbance_max),
+                "restart_gain": repr(not scenario.paper).lower(),
+                "goal_mode": scenario.policy.goal_mode.value,
+                "thrust_error_max": repr(scenario.policy.thrust_error_max),
+                "disturbance_max": repr(scenario.policy.disturbance_max),
+                "link_delay": repr(link_delay),
             },
         )
     }
@@ -50,6 +52,7 @@ def commands_of(scenario: Scenario, namespace: str) -> dict[str, list[str]]:
                 "dynamics": scenario.dynamics,
                 "start_positions": str(start),
                 "position_noise": repr(POSE_NOISE),
+                "command_delay": repr(link_delay),
                 "seed": str(i),
             },
         )

@@ -20,6 +20,8 @@ from flatsat_ros.law.input_set import InputSet
 # root mean square tracking errors of the paper's Test 2, Table III, m
 PAPER_RMS = (0.0703, 0.0826, 0.0602)
 RMS_LIMIT = 0.10  # m, what the demo promises
+_LIFTED = 0.03  # m, above where it stood: a drone in the air
+_SETTLED = 2.0  # s after lift-off, from which on the guarantee is asked for
 _FLOOR = 0.05  # m, around z = 0, where a drone that landed stands
 SUMMARY = "summary.json"
 REPORT = "report.html"
@@ -105,6 +107,7 @@ class FlightRecord:
             "tilt_max_rad": float(np.arccos(np.cos(roll) * np.cos(pitch)).max()),
             "thrust_min": float(thrust.min()),
             "thrust_max": float(thrust.max()),
+            **_tube_summary(robot),
             "landed": bool(robot.ticks[-1, _MODE] in (Mode.REST, Mode.IDLE) and abs(robot.poses[-1, 3]) <= _FLOOR),
         }
 
@@ -128,6 +131,28 @@ class FlightRecord:
         return float(
             min(np.linalg.norm(paths[i] - paths[j], axis=1).min() for i in range(len(paths)) for j in range(i))
         )
+
+
+def _tube_summary(robot: RobotRecord) -> dict[str, float | None]:
+    """Return how often the guarantee held, the tube, and how far the drone was from its reference.
+
+    From 2 s after lift-off to touch-down, as long as the drone is steered; None where there was nothing of that.
+    """
+    height, times = robot.poses[:, 3], robot.ticks[:, 0]
+    aloft = robot.poses[(height > height[0] + _LIFTED), 0]
+    begin, end = (aloft[0] + _SETTLED, aloft[-1]) if aloft.size else (np.inf, -np.inf)
+    flown = (robot.ticks[:, _MODE] == Mode.FLY) & (times >= begin) & (times <= end)
+    if not flown.any():
+        return dict.fromkeys(("guaranteed_share", "tube_m", "error_max_m", "tube_z_m", "error_z_max_m"))
+    x, y, z = (robot.column(f"error_{axis}")[flown] for axis in "xyz")
+    tubes = [float(robot.column(name)[flown][-1]) for name in ("tube", "tube_z")]
+    return {
+        "guaranteed_share": float(robot.column("guaranteed")[flown].mean()),
+        "tube_m": tubes[0] if np.isfinite(tubes[0]) else None,
+        "error_max_m": float(np.hypot(x, y).max()),
+        "tube_z_m": tubes[1] if np.isfinite(tubes[1]) else None,
+        "error_z_max_m": float(np.abs(z).max()),
+    }
 
 
 def write(summary: Mapping[str, Any], folder: Path) -> Path:

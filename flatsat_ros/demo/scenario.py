@@ -1,4 +1,4 @@
-"""What the demo flies: Test 2 of the paper, three drones that swap places, and its variations."""
+"""What the demo flies: three drones that swap places, with what the controller does by default or as in the paper."""
 
 from __future__ import annotations
 
@@ -9,10 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.errors import refusal
+from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.base.resources import config_path
-from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, Certificate, load_certificate
+from flatsat_ros.crazyflie.fit import require_fit
+from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
+from flatsat_ros.flight.policy import GoalMode, Policy
 from flatsat_ros.flight.trajectory import Trajectory
 
 # the paper's way-points, {[0,-6,1],[6,6,1],[-6,6,1]} x 10 cm in x and y, m
@@ -22,7 +25,9 @@ LEG_TIME = 4.0  # s from one way-point to the next; the paper prints none
 MU, V_INF, GAMMA_0 = 2.0, 0.05, 1.0  # Table III
 VEHICLE = "cf21"
 POSE_NOISE = 5e-4  # m, of the simulated motion capture
-DISTURBANCE_MAX = 0.8  # m/s^2, of an offset-free flight
+DISTURBANCE_MAX = 0.8  # m/s^2, that the controller compensates by default
+THRUST_ERROR_MAX = 0.25  # that it corrects by default
+LINK_DELAY = 0.028  # s, from a command to the simulated drone in the default flight
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +42,8 @@ class Scenario:
         certificate: flown by all.
         certificate_path: its file.
         dynamics: ideal or identified.
-        disturbance_max: m/s^2, what the controller may compensate.
+        policy: of the flight layer.
+        paper: the flight is Test 2 of the paper: goals are steps, no drone's gain restarts.
     """
 
     robots: list[str]
@@ -47,7 +53,8 @@ class Scenario:
     certificate: Certificate
     certificate_path: Path
     dynamics: str
-    disturbance_max: float
+    policy: Policy
+    paper: bool
 
     @property
     def height(self) -> float:
@@ -66,41 +73,41 @@ def plan(
     seconds: float = 3 * LEG_TIME,
     rate: float | None = None,
     dynamics: str = "identified",
-    disturbance_max: float = 0.0,
+    *,
+    paper: bool = False,
+    offset_free: bool = False,
 ) -> Scenario:
-    """Return what is to be flown: by default Test 2 of the paper.
+    """Return what is to be flown.
 
     Args:
         folder: where a certificate for another rate is written.
         count: number of drones.
         seconds: of swapping, rounded up to whole legs.
-        rate: of the controller, Hz; None for the rate of the paper's certificate.
-        dynamics: ideal or identified.
-        disturbance_max: m/s^2, what the controller may compensate.
+        rate: of the controller, Hz, in the paper's flight; None for that of the certificate.
+        dynamics: ideal or identified; the paper's flight alone can do with the ideal one.
+        paper: Test 2 of the paper instead of what the controller does by default.
+        offset_free: let the controller compensate disturbances in the paper's flight.
 
     Raises:
-        FlatsatError: the number of drones, the time or the rate cannot be flown.
+        FlatsatError: the number of drones, the time or the rate cannot be flown, or something is asked for that only
+            the paper's flight has.
     """
     if not 1 <= count <= 64:
         raise refusal("--robots", count, "", "from 1 to 64")
     if not 0.0 < seconds <= 3600.0:
         raise refusal("--seconds", seconds, "s", "above 0 and at most 3600")
-    path = config_path("paper_experiment")
-    certificate = Certificate.load(path)
-    if rate is not None:
-        if not 1.0 <= rate <= 500.0:
-            raise refusal("--rate", rate, "Hz", "from 1 to 500")
-        from flatsat_ros.synthesis.nominal import synthesize
-
-        certificate = synthesize(certificate.limits, certificate.rate, 1.0 / rate, f"demo_{rate:g}_hz")
-        path = folder / "certificate.yaml"
-        certificate.save(path)
+    others = {"--rate": rate is not None, "--dynamics ideal": dynamics == "ideal", "--offset-free": offset_free}
+    for option, given in others.items():
+        if given and not paper:
+            raise FlatsatError(f"{option}: not used without --paper; the default flight is that of its certificate")
+    certificate, path = _certificate_of(folder, rate) if paper else _default_certificate()
     ring = _ring(count)
     legs = math.ceil(seconds / LEG_TIME - 1e-9)
-    swaps = [swap_between(ring, i, legs) for i in range(count)]
+    swaps = [swap_between(ring, i, legs) if paper else _gentle_swap(certificate, ring, i, legs) for i in range(count)]
     for swap in swaps:
         swap.require_margin(certificate.limits)
     gathering = ring[:count]
+    drag = load_vehicle(VEHICLE).dynamics.drag_z
     return Scenario(
         robots=[f"cf{i + 1}" for i in range(count)],
         start=gathering * (1.0, 1.0, 0.0),
@@ -109,8 +116,46 @@ def plan(
         certificate=certificate,
         certificate_path=path,
         dynamics=dynamics,
-        disturbance_max=disturbance_max,
+        policy=Policy(goal_mode=GoalMode.STEP, disturbance_max=DISTURBANCE_MAX if offset_free else 0.0)
+        if paper
+        else Policy(disturbance_max=DISTURBANCE_MAX, thrust_error_max=THRUST_ERROR_MAX, drag=drag),
+        paper=paper,
     )
+
+
+def _default_certificate() -> tuple[Certificate, Path]:
+    """Return the certificate that the controller flies by default, and its file."""
+    certificate = load_certificate(DEFAULT_CERTIFICATE)
+    require_fit(certificate, load_vehicle(VEHICLE), LINK_DELAY, "the demo's drones")
+    return certificate, config_path(DEFAULT_CERTIFICATE)
+
+
+def _certificate_of(folder: Path, rate: float | None) -> tuple[Certificate, Path]:
+    """Return the paper's certificate, or one like it for another rate, Hz, written into a folder, and its file."""
+    path = config_path("paper_experiment")
+    certificate = Certificate.load(path)
+    if rate is None:
+        return certificate, path
+    if not 1.0 <= rate <= 500.0:
+        raise refusal("--rate", rate, "Hz", "from 1 to 500")
+    from flatsat_ros.synthesis.nominal import synthesize
+
+    certificate = synthesize(certificate.limits, certificate.rate, 1.0 / rate, f"demo_{rate:g}_hz")
+    path = folder / "certificate.yaml"
+    certificate.save(path)
+    return certificate, path
+
+
+def _gentle_swap(certificate: Certificate, places: FloatArray, index: int, legs: int) -> Trajectory:
+    """Return the reference as `swap_between` does, as slow as the certificate's flight section wants it."""
+    from flatsat_ros.planning.spline import gentle_spline_through
+
+    flight = certificate.flight
+    for leg_time in LEG_TIME * 1.1 ** np.arange(20.0):
+        swap = gentle_spline_through([places[(index + leg) % len(places)] for leg in range(legs + 1)], float(leg_time))
+        if flight is None or flight.demanded(swap.demand(), swap.margin(certificate.limits).distance) <= 1.0:
+            return swap
+    raise FlatsatError(f"no swap is as slow as {certificate.name!r} assumes: must be one within a minute a leg")
 
 
 def swap_between(places: FloatArray, index: int, legs: int) -> Trajectory:

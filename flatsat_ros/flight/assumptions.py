@@ -75,6 +75,7 @@ _COLUMNS = (
     *[Assumption.GAIN] * 2,
 )
 _WHICH = np.array(_COLUMNS)
+_OF_RATE = Assumption.DISTURBANCE_RATE.value == _WHICH
 _START, _TUBE = Assumption.START.value, Assumption.TUBE.value
 
 
@@ -146,7 +147,7 @@ class Monitors:
         self._every, self._ticks = max(1, round(_REMEMBERED / self._period)), 0
         self._reference, self._assigned = np.zeros((self._count, 9)), 0
         self._now = -math.inf
-        self._settled = np.full(self._count, np.inf)  # when the estimates are
+        self._settled = np.full(self._count, -np.inf)  # when the estimates are
         self._due = np.full(self._count, np.inf)  # when the start is forgotten
         self._sizes, self._values = np.zeros((self._count, 3, 2)), np.zeros((self._count, len(_COLUMNS)))
         self._outside = np.zeros(self._count)  # s for which it has been outside without a reason
@@ -232,8 +233,11 @@ class Monitors:
             for part, way in enumerate(self._back):
                 start = way.position * sizes[:, 0, part] + way.position_velocity * sizes[:, 1, part]
                 back = np.maximum(back, np.log(np.maximum(start / (_FORGOTTEN * self._tube[part]), 1.0)) / way.rate)
-            self._settled = np.where(anew, now + self._settling, self._settled)
-            self._due = np.where(anew, now + np.maximum(back, self._settling), self._due)
+            # a disturbance that has changed too fast has done so some time before
+            lately = ~flying | (over & ~_OF_RATE).any(axis=1)
+            settled = now + self._settling - np.where(lately, 0.0, _RATE_TIME)
+            self._settled = np.where(anew, np.maximum(self._settled, settled), self._settled)
+            self._due = np.where(anew, np.maximum(now + back, self._settled), self._due)
         within = (sizes <= self._inside).all(axis=(1, 2))
         outside = (sizes[:, 0] - self._uncertain > self._tube).any(axis=1)
         due = now >= self._due

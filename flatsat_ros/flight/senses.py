@@ -50,7 +50,7 @@ class Senses:
 
     def __init__(self, certificate: Certificate, policy: Policy, count: int) -> None:
         gravity = certificate.limits.gravity
-        self.thrust = ThrustScale(count, policy.thrust_error_max)
+        self.thrust = ThrustScale(count, policy.thrust_error_max, quick=certificate.flight is not None)
         self.descent = BlindDescent(gravity, policy.drag, policy.level_thrust, count)
         self.braking = Braking(certificate.limits, count)
         self._every = max(1, round(_LOOK / certificate.period))  # ticks from look to look

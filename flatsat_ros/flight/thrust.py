@@ -15,6 +15,8 @@ _SETTLED_TIME = 5.0
 
 # the scale follows its error with this time constant, s: slowly, beside the estimate of the disturbance
 _TIME_CONSTANT = 3.0
+# and with an estimate of the disturbance that knows the lag of the thrust, in so many first seconds in the air
+_QUICK_TIME_CONSTANT, _QUICK_TIME = 0.5, 2.0
 
 
 class ThrustScale:
@@ -27,13 +29,15 @@ class ThrustScale:
         scale: (N,) actual thrust over the thrust asked for; at first rather too high, so that no drone leaps up.
     """
 
-    def __init__(self, count: int, error_max: float) -> None:
+    def __init__(self, count: int, error_max: float, quick: bool = False) -> None:
         """Begin with what is not known.
 
         Args:
             count: N.
             error_max: the scale stays within 1 -+ error_max; 0 learns nothing.
+            quick: learn faster at the beginning; the disturbance must be that of an estimate that knows lag and delay.
         """
+        self._quick = quick
         self._first = 1.0 + error_max / 2.0
         self.scale = np.full(count, self._first)
         self._error_max = error_max
@@ -60,7 +64,10 @@ class ThrustScale:
         useful = flying & (upward > 0.0)
         error = np.divide(disturbance, upward, out=np.zeros_like(upward), where=useful)
         weak = lifting & (self._lifting > np.where(self._learnt < _SETTLED_TIME, *_LIFTING_TIME))
-        scale = self.scale * (1.0 + period / _TIME_CONSTANT * error - period * _LIFTING_RATE * weak)
+        constant: float | FloatArray = _TIME_CONSTANT
+        if self._quick:
+            constant = np.where(self._learnt < _QUICK_TIME, _QUICK_TIME_CONSTANT, _TIME_CONSTANT)
+        scale = self.scale * (1.0 + period / constant * error - period * _LIFTING_RATE * weak)
         self.scale = np.clip(scale, 1.0 - self._error_max, 1.0 + self._error_max)
 
     def take_over(self, index: int) -> None:

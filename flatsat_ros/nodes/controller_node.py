@@ -20,7 +20,7 @@ from rclpy.publisher import Publisher
 
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.certificate.certificate import load_certificate
+from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, load_certificate
 from flatsat_ros.crazyflie.fit import require_fit
 from flatsat_ros.crazyflie.wire import Backend, WireSetpoint, YawMode, setpoint_from_command
 from flatsat_ros.flight import telemetry
@@ -74,7 +74,7 @@ class ControllerNode(ProgramNode):
         robots = declare_robots(self)
         self.robots = [robot.name for robot in robots]
         certificate = declare(
-            self, "certificate", "paper_experiment", "certificate: packaged name or path of a YAML file"
+            self, "certificate", DEFAULT_CERTIFICATE, "certificate: packaged name or path of a YAML file"
         )
         self._certificate = load_certificate(certificate)
         self._vehicles = declare_vehicles(self, robots)
@@ -88,7 +88,7 @@ class ControllerNode(ProgramNode):
                     f"lifts {vehicle.thrust_max:.4f} m/s^2: synthesize one with thrust_max at most that"
                 )
         link_delay = declare(
-            self, "link_delay", 0.02, "from a command to the drone: computer, radio", unit="s", bounds=(0.0, 0.5)
+            self, "link_delay", 0.028, "from a command to the drone: computer, radio", unit="s", bounds=(0.0, 0.5)
         )
         for robot, vehicle in zip(self.robots, self._vehicles, strict=True):
             require_fit(self._certificate, vehicle, link_delay, robot)

@@ -116,7 +116,7 @@ def run_all(folder: Path) -> Runs:
         steps = {count: measure_steps(law(experiment, count), _spread(test_1.error[:, 0], count)) for count in (1, 3)}
         done("")
     campaign = {gain: run_campaign(robust, gain, CAMPAIGN_RUNS) for gain in ROBUST_GAINS}
-    flight = demo_headless.fly(demo_scenario.plan(folder))
+    flight = demo_headless.fly(demo_scenario.plan(folder, paper=True))
     return Runs(
         simulation, experiment, robust, study_1, study_2, campaign, cap, test_1, test_1_capped, flight, gain_laws, steps
     )

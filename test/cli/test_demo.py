@@ -20,7 +20,10 @@ from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.viewing.bag import read_flight
 
-ROBOT_KEYS = {"rms_m", "rms_paper_m", "gamma_final", "tilt_max_rad", "thrust_min", "thrust_max", "landed"}
+ROBOT_KEYS = {
+    "rms_m", "rms_paper_m", "gamma_final", "tilt_max_rad", "thrust_min", "thrust_max", "landed",
+    "guaranteed_share", "tube_m", "error_max_m", "tube_z_m", "error_z_max_m",
+}  # fmt: skip
 KEYS = {
     "robots", "violations", "separation_min_m", "tick_median_us", "tick_p99_us", "dynamics", "rate_hz", "seconds",
 }  # fmt: skip
@@ -38,7 +41,7 @@ def fly(folder: Path, *arguments: str) -> dict[str, object]:
 def test_the_headless_swap_keeps_the_promises_and_writes_everything(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    summary = fly(tmp_path)
+    summary = fly(tmp_path, "--paper")
     assert set(summary) == KEYS
     robots = summary["robots"]
     assert isinstance(robots, dict)
@@ -56,14 +59,28 @@ def test_the_headless_swap_keeps_the_promises_and_writes_everything(
     assert all(f"{100 * robot['rms_m']:.2f}" in printed for robot in robots.values())
 
 
+def test_by_default_the_drones_stay_in_their_tubes_which_are_claimed_nearly_all_the_time(tmp_path: Path) -> None:
+    summary = fly(tmp_path)
+    robots = summary["robots"]
+    assert isinstance(robots, dict)
+    for robot in robots.values():
+        assert set(robot) == ROBOT_KEYS
+        assert robot["guaranteed_share"] >= 0.95
+        assert 0.0 < robot["error_max_m"] < robot["tube_m"] < 0.1
+        assert 0.0 < robot["error_z_max_m"] < robot["tube_z_m"] < 0.1
+        assert robot["rms_m"] < 0.02
+        assert robot["landed"]
+    assert (summary["violations"], summary["rate_hz"]) == (0, 50.0)
+
+
 def test_the_headless_flight_repeats_itself_and_one_drone_has_no_separation(tmp_path: Path) -> None:
-    first, second = (fly(tmp_path / name, "--seconds", "4", "--robots", "1") for name in "ab")
+    first, second = (fly(tmp_path / name, "--paper", "--seconds", "4", "--robots", "1") for name in "ab")
     assert first["robots"] == second["robots"]
     assert first["separation_min_m"] is None
 
 
 def test_other_numbers_rates_and_dynamics_fly_too(tmp_path: Path) -> None:
-    summary = fly(tmp_path, "--robots", "5", "--rate", "50", "--dynamics", "ideal", "--seconds", "5")
+    summary = fly(tmp_path, "--paper", "--robots", "5", "--rate", "50", "--dynamics", "ideal", "--seconds", "5")
     robots = summary["robots"]
     assert isinstance(robots, dict)
     assert len(robots) == 5
@@ -77,7 +94,9 @@ def test_other_numbers_rates_and_dynamics_fly_too(tmp_path: Path) -> None:
         (["--robots", "0"], "--robots = 0: must be from 1 to 64"),
         (["--seconds", "-1"], "--seconds = -1.0 s: must be above 0 and at most 3600"),
         (["--seconds", "nan"], "--seconds = nan s"),
-        (["--rate", "0.2"], "--rate = 0.2 Hz: must be from 1 to 500"),
+        (["--paper", "--rate", "0.2"], "--rate = 0.2 Hz: must be from 1 to 500"),
+        (["--rate", "50"], "--rate: not used without --paper"),
+        (["--dynamics", "ideal"], "--dynamics ideal: not used without --paper"),
         (["--console"], "--console: not used with --headless"),
     ],
 )
@@ -95,7 +114,7 @@ def live(executables: Path, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     """The installed demo, flying over DDS."""
     process = subprocess.Popen(
         # the ideal drone is the one that a busy machine throws off least
-        [executables / "demo", "--console", "--dynamics", "ideal", "--seconds", "4", "--output", tmp_path],
+        [executables / "demo", "--paper", "--console", "--dynamics", "ideal", "--seconds", "4", "--output", tmp_path],
         stdin=subprocess.DEVNULL,  # nobody presses Enter: the end of the input is taken for that
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

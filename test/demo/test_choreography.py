@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -62,7 +63,7 @@ class Rehearsal(Stage):
 
 @pytest.fixture(scope="module")
 def scenario(tmp_path_factory: pytest.TempPathFactory) -> Scenario:
-    return plan(tmp_path_factory.mktemp("scenario"))
+    return plan(tmp_path_factory.mktemp("scenario"), paper=True)
 
 
 @pytest.mark.parametrize("period", [0.1, 0.02, 0.3])
@@ -80,6 +81,10 @@ def test_everything_is_told_in_turn_and_in_time(period: float, scenario: Scenari
 
 def test_the_swap_waits_for_drones_that_are_late(scenario: Scenario) -> None:
     assert perform(scenario, Rehearsal(gathered=9.0)) == pytest.approx(9.5)
+
+
+def test_in_tubes_the_swap_begins_where_the_reference_rests(scenario: Scenario) -> None:
+    assert perform(replace(scenario, paper=False), Rehearsal()) == pytest.approx(6.0 + 1.0 + 1.5)
 
 
 def test_drones_that_do_not_gather_are_named(scenario: Scenario) -> None:

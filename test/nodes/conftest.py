@@ -134,7 +134,7 @@ class Lab:
 
     Attributes:
         node: the observer.
-        certificate, vehicle: what the controller flies with by default.
+        certificate, vehicle: what the controller flies with if a test says nothing else.
         near: how near its goal it keeps a drone, m.
     """
 
@@ -342,7 +342,8 @@ class Lab:
 
     def fly(self, *robots: str, **parameters: object) -> Process:
         """Start the controller for these robots; poses may be as late as it bears, for the stalls of a busy machine."""
-        return self.start("controller", **{"robot_names": list(robots), "pose_timeout": PREDICTION_MAX, **parameters})
+        patient = {"robot_names": list(robots), "pose_timeout": PREDICTION_MAX, "certificate": "paper_experiment"}
+        return self.start("controller", **{**patient, **parameters})
 
     def require_within_limits(self, commands: Sequence[Twist]) -> FloatArray:
         """Require that every command is finite and within the certificate's limits; return them as (M, 3) inputs."""
