@@ -50,6 +50,7 @@ setup(
             "plan = flatsat_ros.cli.plan:main",
             "synthesize = flatsat_ros.cli.synthesize:main",
             "demo = flatsat_ros.cli.demo:main",
+            "excitation = flatsat_ros.cli.excitation:main",
             "identify = flatsat_ros.cli.identify:main",
             "reproduce = flatsat_ros.cli.reproduce:main",
             "falsify = flatsat_ros.cli.falsify:main",

@@ -27,6 +27,7 @@ EXECUTABLES = [
     "demo",
     "falsify",
     "faults",
+    "excitation",
     "identify",
     "mocap_player",
     "plan",

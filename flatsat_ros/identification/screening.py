@@ -23,6 +23,7 @@ from flatsat_ros.identification.log import FlightLog
 BoolArray = NDArray[np.bool_]
 
 STEP = 0.01  # s, of the grid that logs are resampled to
+_ROUNDING = 1e-6  # s, by which a stamp may be after the point of the grid that it belongs to
 SHORTEST = 5.0  # s of usable flight
 LONGEST = 3600.0  # s of a log
 _STRAIGHT = 5  # samples of a command on one line that is not level: more are damage
@@ -127,7 +128,7 @@ def screen(log: FlightLog) -> Samples:
     placed = _interpolated(grid, time[good], position[good])
     turned = _interpolated(grid, time[good], angles[good])
     spacing = _spacing(grid, time[good])
-    held = np.searchsorted(sent, grid, side="right") - 1
+    held = np.searchsorted(sent, grid + _ROUNDING, side="right") - 1
     flying = _flying(placed[:, 2], np.where(bad, np.nan, command[:, 2])[held])
     torn = _at(grid, time, jumped) | _at(grid, time, np.append(jumped[1:], False))
     torn = _spread(torn, _TORN) | _spread(torn[::-1], _TORN)[::-1]
@@ -227,7 +228,7 @@ def _spacing(grid: FloatArray, time: FloatArray) -> FloatArray:
 
 def _at(grid: FloatArray, time: FloatArray, flags: BoolArray) -> BoolArray:
     """Return the flags of the measurements at or before the points of the grid."""
-    return np.asarray(flags[np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 1)])
+    return np.asarray(flags[np.clip(np.searchsorted(time, grid + _ROUNDING, side="right") - 1, 0, len(time) - 1)])
 
 
 def _spread(flags: BoolArray, seconds: float) -> BoolArray:

@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.strict_yaml import read_yaml
-from flatsat_ros.cli import validate
+from flatsat_ros.cli import excitation, validate
 from flatsat_ros.cli.identify import bag_log, main
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.flight.modes import Mode
@@ -172,6 +172,21 @@ def test_flights_say_what_a_certificate_for_their_drone_may_assume(
         ([*asked[:-2], "--coverage", "0.9"], "--coverage, --force: they go with --write"),
     ):
         assert validate.main(options) == 2
+        assert text in capsys.readouterr().err
+
+
+def test_the_excitation_flight_is_written_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    output = tmp_path / "excitation.yaml"
+    assert excitation.main(["--output", str(output), "--at", "1,2,1.5"]) == 0
+    assert (
+        "ros2 topic pub --once /cf1/trajectory trajectory_msgs/msg/MultiDOFJointTrajectory" in capsys.readouterr().out
+    )
+    assert output.read_text().splitlines()[3].startswith("- {transforms: [{translation: {x: 1.0000000, y: 2.0000000")
+    for options, text in (
+        (["--output", str(output)], "it exists: give --force to overwrite it"),
+        (["--output", str(tmp_path / "other.yaml"), "--at", "1,2"], "--at"),
+    ):
+        assert excitation.main(options) == 2
         assert text in capsys.readouterr().err
 
 

@@ -17,12 +17,13 @@ import pytest
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.interrupts import STOPPING, signals_held
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.cli import demo, falsify, faults, identify, plan, reproduce, shell, synthesize, validate
+from flatsat_ros.cli import demo, excitation, falsify, faults, identify, plan, reproduce, shell, synthesize, validate
 
 PROGRAMS = {
     "demo": demo.main,
     "falsify": falsify.main,
     "faults": faults.main,
+    "excitation": excitation.main,
     "identify": identify.main,
     "plan": plan.main,
     "reproduce": reproduce.main,

@@ -50,6 +50,12 @@ def test_a_clean_log_is_usable_but_for_its_beginning(logs: list[FlightLog]) -> N
     assert_allclose(samples.command[5:-1], logs[0].command[5 : len(samples.command) - 1], atol=1e-12)
 
 
+def test_stamps_that_are_rounded_otherwise_are_the_same(logs: list[FlightLog]) -> None:
+    log = replace(logs[0], command_time=logs[0].command_time[::2], command=logs[0].command[::2])
+    rounded = replace(log, command_time=log.command_time + np.resize((0.0, 1e-9, -1e-9), len(log.command_time)))
+    assert_allclose(screen(rounded).command, screen(log).command, rtol=0.0, atol=0.0)
+
+
 @pytest.mark.parametrize(
     ("fault", "count", "fields"),
     [
