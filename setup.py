@@ -45,6 +45,7 @@ setup(
             "cflib_bridge = flatsat_ros.nodes.programs:cflib_bridge",
             "console = flatsat_ros.nodes.programs:console",
             "sim_drone = flatsat_ros.nodes.programs:sim_drone",
+            "sim_server = flatsat_ros.nodes.programs:sim_server",
             "mocap_player = flatsat_ros.nodes.programs:mocap_player",
             "record = flatsat_ros.nodes.programs:record",
             "plan = flatsat_ros.cli.plan:main",

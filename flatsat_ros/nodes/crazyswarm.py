@@ -31,12 +31,18 @@ def services() -> Any | None:
         return None
 
 
-def status_topic() -> interfaces.Topic | None:
-    """Return the topic of crazyswarm2's status messages, None where crazyflie_interfaces is not installed."""
+def message_types() -> Any | None:
+    """Return the module crazyflie_interfaces.msg, None where it is not installed."""
     try:
-        return interfaces.status_topic(import_module(f"{_PACKAGE}.msg").Status)
+        return import_module(f"{_PACKAGE}.msg")
     except ModuleNotFoundError:
         return None
+
+
+def status_topic() -> interfaces.Topic | None:
+    """Return the topic of crazyswarm2's status messages, None where crazyflie_interfaces is not installed."""
+    kinds = message_types()
+    return None if kinds is None else interfaces.status_topic(kinds.Status)
 
 
 class DroneLink:

@@ -21,6 +21,11 @@ def sim_drone(argv: Sequence[str] | None = None) -> int:
     return _run("sim_drone", argv)
 
 
+def sim_server(argv: Sequence[str] | None = None) -> int:
+    """Run the simulated drones in the place of crazyswarm2's server."""
+    return _run("sim_server", argv)
+
+
 def cflib_bridge(argv: Sequence[str] | None = None) -> int:
     """Run the link to real Crazyflies through cflib."""
     return _run("cflib_bridge", argv)

@@ -8,19 +8,20 @@ future, and no drone takes a stall of its own simulator for a lost link. The sam
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import Twist
 from rclpy.publisher import Publisher
-from std_srvs.srv import Empty, Trigger
+from std_srvs.srv import Trigger
 
+from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import refusal
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot
 from flatsat_ros.nodes import crazyswarm
-from flatsat_ros.nodes.ros import interfaces, messages
+from flatsat_ros.nodes.ros import interfaces, messages, server_messages
 from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, Report
 from flatsat_ros.nodes.ros.parameters import (
     declare,
@@ -30,6 +31,7 @@ from flatsat_ros.nodes.ros.parameters import (
     require_known_parameters,
 )
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
+from flatsat_ros.nodes.server_commands import Drone, ServerCommands
 from flatsat_ros.sim.dynamics import Wind
 from flatsat_ros.sim.firmware import Firmware
 from flatsat_ros.sim.fleet import SimulatedFleet
@@ -43,30 +45,48 @@ _TICK = 0.005
 _CATCH_UP = 0.25
 _BATTERY_PERIOD = 1.0  # s
 
-Answer = TypeVar("Answer")
 
+class Measured(NamedTuple):
+    """One measured pose.
 
-class _Drone(NamedTuple):
-    """Where a robot is simulated: its fleet, and its number therein."""
+    Attributes:
+        stamp: on the node's clock, ns.
+        robot: its number.
+        position: (3,) m, world.
+        quaternion: (4,) x, y, z, w; body -> world.
+    """
 
-    fleet: SimulatedFleet
-    number: int
+    stamp: int
+    robot: int
+    position: FloatArray
+    quaternion: FloatArray
 
 
 class SimDrone(ProgramNode):
-    """ROS shell of one `SimulatedFleet` for each vehicle profile."""
+    """ROS shell of one `SimulatedFleet` for each vehicle profile.
+
+    Attributes:
+        program: name of the node.
+        robots: names of the drones.
+        drones: where each is simulated.
+    """
+
+    program = "sim_drone"
 
     def __init__(self) -> None:
         """Read the parameters, switch the drones on, start simulated time."""
-        super().__init__("sim_drone")
+        super().__init__(self.program)
         robots = declare_robots(self)
         self.robots = [robot.name for robot in robots]
         self._fleets = self._build_fleets(robots)
-        require_known_parameters(self)
         drones = {
-            robot: _Drone(fleet, number) for fleet, members in self._fleets for number, robot in enumerate(members)
+            robot: Drone(self.robots[robot], fleet, number)
+            for fleet, members in self._fleets
+            for number, robot in enumerate(members)
         }
-        self._drones = [drones[robot] for robot in range(len(self.robots))]
+        self.drones = [drones[robot] for robot in range(len(self.robots))]
+        self.declare_more(robots, self.get_parameter("pose_rate").value)
+        require_known_parameters(self)
         self._pose = messages.pose_message()
         self._pose_publishers: list[Publisher] = []
         self._battery_publishers: list[Publisher] = []
@@ -74,15 +94,21 @@ class SimDrone(ProgramNode):
         self._status_publishers: list[Publisher] = []
         for index, robot in enumerate(self.robots):
             self._connect(index, robot)
-            self._serve(index, robot)
-            self._serve_together(robot, [index])
-        self._serve_together(interfaces.ALL, range(len(self.robots)))
         # ns: what the clock showed last; what it shows when simulated time is 0, now and without any pause
         self._seen = self._epoch = self._started = self.get_clock().now().nanoseconds
+        ServerCommands(self, self.drones, self._advance)
         self.create_timer(_TICK, self._advance)
         self.create_timer(_BATTERY_PERIOD, self._publish_batteries)
         Diagnostics(self, self._report)
         self.get_logger().info(f"simulating {', '.join(self.robots)}")
+
+    def declare_more(self, robots: Sequence[Robot], pose_rate: float) -> None:
+        """Declare what another program has besides, before unknown parameters are refused; nothing by default.
+
+        Args:
+            robots: what there is to tell of each drone.
+            pose_rate: Hz.
+        """
 
     def _build_fleets(self, robots: Sequence[Robot]) -> list[tuple[SimulatedFleet, list[int]]]:
         """Read what is simulated and how; return a fleet and the indices of its robots for each vehicle profile.
@@ -159,55 +185,11 @@ class SimDrone(ProgramNode):
         if status := self._status:
             self._status_publishers.append(self.create_publisher(status.kind, status.of(robot), status.publish))
         self.create_subscription(command.kind, command.of(robot), partial(self._on_command, index), command.subscribe)
-
-    def _serve(self, index: int, robot: str) -> None:
-        """Offer what only a single drone's link offers."""
-        arm, reboot = (interfaces.drone_service_of(robot, name) for name in (interfaces.ARM, interfaces.REBOOT))
-        crazyswarm.serve_arming(self, arm, partial(self._arm, index))
+        reboot = interfaces.drone_service_of(robot, interfaces.REBOOT)
         self.create_service(Trigger, reboot, lambda _, answer: self._reboot(index, answer))
 
-    def _serve_together(self, robot: str, indices: Sequence[int]) -> None:
-        """Offer, for one robot or for all, what all can do at once: crazyswarm2's services of the same names."""
-        emergency = interfaces.drone_service_of(robot, interfaces.EMERGENCY)
-        self.create_service(Empty, emergency, lambda _, answer: self._stop(indices, answer))
-        kinds = crazyswarm.services()
-        if kinds is None:
-            return
-        commands: dict[str, tuple[Any, Callable[[_Drone, Any], None]]] = {
-            interfaces.TAKEOFF: (kinds.Takeoff, _take_off),
-            interfaces.LAND: (kinds.Land, _land),
-            interfaces.GO_TO: (kinds.GoTo, _go_to),
-            interfaces.NOTIFY: (kinds.NotifySetpointsStop, _notify_setpoints_stop),
-        }
-        for name, (kind, command) in commands.items():
-            service = interfaces.drone_service_of(robot, name)
-            self.create_service(kind, service, partial(self._command_together, indices, command))
-
-    def _command_together(
-        self, indices: Sequence[int], command: Callable[[_Drone, Any], None], request: Any, answer: Answer
-    ) -> Answer:
-        """Give drones a command for their high-level commanders."""
-        self._advance()
-        for index in indices:
-            with self.faults.contain(f"{self.robots[index]}/command"):
-                command(self._drones[index], request)
-        return answer
-
-    def _stop(self, indices: Iterable[int], answer: Empty.Response) -> Empty.Response:
-        for index in indices:
-            drone = self._drones[index]
-            drone.fleet.firmware.request_emergency(drone.number)
-        return answer
-
-    def _arm(self, index: int, armed: bool) -> tuple[bool, str]:
-        fleet, number = self._drones[index]
-        if fleet.firmware.request_arming(number, armed):
-            return True, ""
-        state = State(fleet.firmware.state[number]).name
-        return False, f"{self.robots[index]}: arming refused in state {state}: must be PREFLIGHT_PASSED"
-
     def _reboot(self, index: int, answer: Trigger.Response) -> Trigger.Response:
-        fleet, number = self._drones[index]
+        _, fleet, number = self.drones[index]
         fleet.reboot(number)
         messages.fill_answer(answer, True, "")
         return answer
@@ -215,7 +197,7 @@ class SimDrone(ProgramNode):
     def _on_command(self, index: int, message: Twist) -> None:
         """Hand a set-point over as it is: NaN angles as well, which the firmware does not check either."""
         self._advance()
-        fleet, number = self._drones[index]
+        _, fleet, number = self.drones[index]
         fleet.command(number, *messages.command_from_message(message))
 
     def _advance(self) -> None:
@@ -224,24 +206,33 @@ class SimDrone(ProgramNode):
         elapsed, self._seen = now - self._seen, now
         self._epoch += elapsed - min(max(elapsed, 0), round(_CATCH_UP * messages.NANOSECONDS))
         time = (now - self._epoch) / messages.NANOSECONDS
+        measured = []
         for fleet, members in self._fleets:
             fleet.advance_to(time)
             for sample in fleet.measurements(time):
                 stamp = self._epoch + round(sample.stamp * messages.NANOSECONDS)
-                messages.fill_pose(self._pose, stamp, sample.position, sample.quaternion)
-                self._pose_publishers[members[sample.drone]].publish(self._pose)
+                measured.append(Measured(stamp, members[sample.drone], sample.position, sample.quaternion))
+        if len(self._fleets) > 1:
+            measured.sort(key=lambda one: one.stamp)
+        self.publish_measured(measured)
+
+    def publish_measured(self, measured: Sequence[Measured]) -> None:
+        """Publish poses, in the order of their stamps."""
+        for stamp, robot, position, quaternion in measured:
+            messages.fill_pose(self._pose, stamp, position, quaternion)
+            self._pose_publishers[robot].publish(self._pose)
 
     def _publish_batteries(self) -> None:
         """Publish the batteries of the drones that are switched on, and their status where its type is installed."""
         now = self.get_clock().now().nanoseconds
-        for index, (fleet, number) in enumerate(self._drones):
+        for index, (robot, fleet, number) in enumerate(self.drones):
             if not fleet.firmware.powered[number]:
                 continue
             voltage = float(fleet.power.voltage[number])
             self._battery_publishers[index].publish(messages.battery_message(now, voltage))
             if self._status is not None:
                 info, low = int(fleet.firmware.info()[number]), bool(fleet.firmware.battery_low[number])
-                status = messages.status_message(self._status.kind, now, self.robots[index], voltage, info, low)
+                status = server_messages.status_message(self._status.kind, now, robot, voltage, info, low)
                 self._status_publishers[index].publish(status)
 
     def _report(self, _now: int) -> list[Report]:
@@ -249,7 +240,7 @@ class SimDrone(ProgramNode):
         paused = (self._epoch - self._started) / messages.NANOSECONDS
         infos = {fleet: fleet.firmware.info() for fleet, _ in self._fleets}
         reports = []
-        for robot, (fleet, number) in zip(self.robots, self._drones, strict=True):
+        for robot, fleet, number in self.drones:
             level, text = _condition(fleet.firmware, number)
             values = {
                 "state": State(fleet.firmware.state[number]).name,
@@ -263,22 +254,6 @@ class SimDrone(ProgramNode):
             }
             reports.append(Report(robot, robot, level, text, values))
         return reports
-
-
-def _take_off(drone: _Drone, request: Any) -> None:
-    drone.fleet.take_off(drone.number, *messages.rise_from_request(request))
-
-
-def _land(drone: _Drone, request: Any) -> None:
-    drone.fleet.land(drone.number, *messages.rise_from_request(request))
-
-
-def _go_to(drone: _Drone, request: Any) -> None:
-    drone.fleet.go_to(drone.number, **messages.way_from_request(request))
-
-
-def _notify_setpoints_stop(drone: _Drone, _request: Any) -> None:
-    drone.fleet.notify_setpoints_stop(drone.number)
 
 
 def _condition(firmware: Firmware, index: int) -> tuple[Level, str]:

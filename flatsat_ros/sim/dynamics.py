@@ -223,8 +223,23 @@ class Bodies:
     @property
     def specific_force(self) -> FloatArray:
         """What the accelerometers read, (N, 3), body frame, in units of g: (0, 0, 1) for a drone that stands level."""
-        force = self.acceleration / GRAVITY + (0.0, 0.0, 1.0)
-        x, y, z = force.T
+        return self._in_body(self.acceleration / GRAVITY + (0.0, 0.0, 1.0))
+
+    @property
+    def body_velocity(self) -> FloatArray:
+        """Velocity in the body frame, (N, 3), m/s."""
+        return self._in_body(self.velocity)
+
+    @property
+    def body_rates(self) -> FloatArray:
+        """Angular velocity in the body frame, (N, 3), rad/s: what gyroscopes read."""
+        (roll, pitch, _), (p, q, r) = self.attitude[..., 0], self.attitude[..., 1]
+        cr, sr, cp = np.cos(roll), np.sin(roll), np.cos(pitch)
+        return np.stack([p - r * np.sin(pitch), q * cr + r * sr * cp, r * cr * cp - q * sr], axis=-1)
+
+    def _in_body(self, vectors: FloatArray) -> FloatArray:
+        """Return (N, 3) world vectors in the body frames."""
+        x, y, z = vectors.T
         (cr, cp, cy), (sr, sp, sy) = np.cos(self.attitude[..., 0]), np.sin(self.attitude[..., 0])
         x, y = cy * x + sy * y, cy * y - sy * x  # into the frame turned by yaw, then by pitch, then by roll
         x, z = cp * x - sp * z, sp * x + cp * z

@@ -16,7 +16,8 @@ from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import require, require_positive
 
 COEFFICIENTS = 8  # pptraj.h PP_SIZE: polynomials of degree 7
-CAPACITY = 31  # pieces; TRAJECTORY_MEMORY_SIZE, 4096 bytes of 132 bytes each
+CAPACITY = 255  # pieces: their number has 8 bits
+ON_BOARD = 31  # pieces that a real drone holds; TRAJECTORY_MEMORY_SIZE, 4096 bytes of 132 bytes each
 NUMBERS = 31  # crtp_commander_high_level.h NUM_TRAJECTORY_DEFINITIONS
 # of a polynomial p(s) the coefficients of p(1 - s) are _REVERSE @ those of p
 _REVERSE = np.array([[(-1.0) ** i * math.comb(j, i) for j in range(COEFFICIENTS)] for i in range(COEFFICIENTS)])
@@ -62,7 +63,10 @@ class Piece(NamedTuple):
 
 
 class TrajectoryMemory:
-    """The memory of one drone for trajectories: places for pieces, and numbers for rows of them."""
+    """The memory of one drone for trajectories: places for pieces, and numbers for rows of them.
+
+    It holds more than that of a real drone, which crazyswarm2's own example overflows: whoever uploads should tell.
+    """
 
     def __init__(self) -> None:
         """Hold nothing."""

@@ -117,7 +117,7 @@ def test_trajectories_share_the_places_of_their_memory() -> None:
     [
         (NUMBERS, 0, 1, "number of a trajectory = 31: must be from 0 to 30"),
         (0, 0, 0, "pieces of a trajectory = 0: must be at least 1"),
-        (0, 1, CAPACITY, "last place of a trajectory = 32: must be at most 31 pieces"),
+        (0, 1, CAPACITY, "last place of a trajectory = 256: must be at most 255 pieces"),
     ],
 )
 def test_what_has_no_place_is_refused(number: int, offset: int, count: int, reason: str) -> None:

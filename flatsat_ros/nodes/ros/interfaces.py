@@ -7,7 +7,9 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, Twist
+from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Log
+from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64MultiArray, String
@@ -62,6 +64,30 @@ def status_topic(kind: type[Any]) -> Topic:
     return Topic("status", kind, _reliable(10), _best_effort(10))
 
 
+# set-points that crazyswarm2's server takes beside COMMAND, where crazyflie_interfaces is installed
+FULL_STATE, POSITION, VELOCITY, HOVER = "cmd_full_state", "cmd_position", "cmd_velocity_world", "cmd_hover"
+
+
+def setpoint_topic(suffix: str, kind: type[Any]) -> Topic:
+    """Return the topic of set-points of a type of crazyflie_interfaces."""
+    return Topic(suffix, kind, _reliable(1), _reliable(1))
+
+
+# what crazyswarm2's server and motion capture publish of all drones together, where its types are installed
+NAMED_POSES, TF = "/poses", "/tf"
+TF_QOS = _reliable(100)
+ODOMETRY = Topic("odom", Odometry, _reliable(10), _best_effort(10))
+# of a log block that a script asked for
+LOG_BLOCK = _reliable(10)
+
+
+def named_poses_qos(rate: float) -> QoSProfile:
+    """Return the quality of service of NAMED_POSES at a rate, Hz: a subscriber may want to be told of late ones."""
+    qos = _best_effort(1)
+    qos.deadline = Duration(nanoseconds=round(1e9 / rate))
+    return qos
+
+
 # the log of all nodes in the domain
 LOG = Topic("/rosout", Log, _latched(1000), _latched(1000))
 
@@ -89,6 +115,8 @@ EMERGENCY = "emergency"
 REBOOT = "reboot"
 # flight by the high-level commander, where crazyflie_interfaces is installed
 TAKEOFF, LAND, GO_TO, NOTIFY = "takeoff", "land", "go_to", "notify_setpoints_stop"
+UPLOAD, START = "upload_trajectory", "start_trajectory"
+ADD_LOGGING, REMOVE_LOGGING = "add_logging", "remove_logging"
 
 
 def drone_service_of(robot: str, name: str) -> str:

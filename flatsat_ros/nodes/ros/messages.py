@@ -1,4 +1,6 @@
-"""The only file that touches message fields. Everything it returns is SI, radians, floats in seconds.
+"""The file that touches message fields; `server_messages` touches those of crazyswarm2's packages for the simulation.
+
+Everything it returns is SI, radians, floats in seconds.
 
 `cdr` reads from their bytes the messages that come often or may be long. A test reads the other files of the package
 for names of message fields.
@@ -184,28 +186,6 @@ def parameters_request(values: Mapping[str, float]) -> SetParameters.Request:
     )
 
 
-def rise_from_request(request: Any) -> tuple[float, float, float]:
-    """Return height, m, duration, s, and yaw, rad, of crazyflie_interfaces' Takeoff or Land.
-
-    It names no yaw: both of crazyswarm2's back ends send a command that turns the drone to 0.
-    """
-    return float(request.height), _nanoseconds(request.duration) / NANOSECONDS, 0.0
-
-
-def way_from_request(request: Any) -> dict[str, Any]:
-    """Return the way that crazyflie_interfaces' GoTo asks for, as `SimulatedFleet.go_to` takes it.
-
-    The interface says that its yaw is in degrees; crazyswarm2's server hands it on as the firmware's radians, and its
-    users' scripts count on that.
-    """
-    return {
-        "position": _vector(request.goal),
-        "yaw": request.yaw,
-        "duration": _nanoseconds(request.duration) / NANOSECONDS,
-        "relative": request.relative,
-    }
-
-
 def battery_message(nanoseconds: int, voltage: float) -> BatteryState:
     """Return the state of a battery of which only the voltage, V, is known; NaN stands for the rest, as it should."""
     unknown = float("nan")
@@ -215,23 +195,6 @@ def battery_message(nanoseconds: int, voltage: float) -> BatteryState:
     message.power_supply_technology = BatteryState.POWER_SUPPLY_TECHNOLOGY_LIPO
     message.present = True
     message.header.stamp = stamp_from_nanoseconds(nanoseconds)
-    return message
-
-
-def status_message(kind: type[Any], nanoseconds: int, robot: str, voltage: float, info: int, low: bool) -> Any:
-    """Return crazyflie_interfaces' Status as crazyswarm2's server fills it; nothing is known of the radio.
-
-    Args:
-        kind: crazyflie_interfaces' Status.
-        nanoseconds: its stamp, ns.
-        robot: its name.
-        voltage: of the battery, V.
-        info: flags of the firmware's supervisor.
-        low: the firmware takes the battery for low.
-    """
-    state = kind.PM_STATE_LOW_POWER if low else kind.PM_STATE_BATTERY
-    message = kind(supervisor_info=info, battery_voltage=voltage, pm_state=state)
-    message.header.stamp, message.header.frame_id = stamp_from_nanoseconds(nanoseconds), robot
     return message
 
 

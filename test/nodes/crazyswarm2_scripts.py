@@ -1,0 +1,243 @@
+"""Scripts of crazyswarm2, as they are, with sim_server: `make test-crazyswarm2 SOURCE=<checkout of crazyswarm2>`."""
+
+from __future__ import annotations
+
+import os
+import pty
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from crazyflie_interfaces.msg import LogDataGeneric, Status
+from crazyflie_interfaces.srv import AddLogging, RemoveLogging
+from geometry_msgs.msg import Twist
+from numpy.polynomial.polynomial import polyval
+
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.nodes.ros import interfaces, messages
+
+if TYPE_CHECKING:
+    from conftest import Lab
+
+SOURCE = Path(os.environ["CRAZYSWARM2"])
+PYTHON = os.environ["CRAZYSWARM2_PYTHON"]
+DATA = SOURCE / "crazyflie_examples" / "crazyflie_examples" / "data"
+# the order in which scripts get them is that of their names; swap.py knows their last bytes, 231 and 5
+PLACES = {"cf231": (0.0, 0.5, 0.0), "cf5": (0.0, -0.5, 0.0)}
+URIS = {"cf231": "radio://0/80/2M/E7E7E7E7E7", "cf5": "radio://0/80/2M/E7E7E7E705"}
+LONGEST = 150.0  # s, that a script takes
+DOWN = 0.02  # m
+# the PID controller follows a moving goal half a second late (position_controller.py), and cuts corners by 3 to 5 cm
+FOLLOWED = 0.1  # m, RMS
+
+
+class Flight:
+    """A script that flies sim_server's drones, and where they were.
+
+    Attributes:
+        output: of the script.
+    """
+
+    def __init__(self, lab: Lab, folder: Path, **parameters: object) -> None:
+        lines = [
+            f"  {name}: {{enabled: true, uri: {URIS[name]}, initial_position: {list(place)}, type: cf21}}"
+            for name, place in PLACES.items()
+        ]
+        robots = "\n".join(lines)
+        (folder / "crazyflies.yaml").write_text(f"fileversion: 3\nrobots:\n{robots}\n", encoding="utf-8")
+        self._lab, self._poses = lab, {name: lab.watch(interfaces.POSE, name) for name in PLACES}
+        self.server = lab.start("sim_server", crazyflies_yaml=str(folder / "crazyflies.yaml"), **parameters)
+        lab.wait(lambda: all(len(poses) > 50 for poses in self._poses.values()), "the drones to have booted")
+        self._log = folder / "script.log"
+        self.output = ""
+
+    def fly(self, script: str, keys: bytes = b"", until: Callable[[], bool] = lambda: False) -> None:
+        """Run a script to its end, or until something holds; press keys when it asks for a button."""
+        asks, answers = pty.openpty()
+        environment = {k: v for k, v in os.environ.items() if k not in ("_ROS_WHEELS_BOOTSTRAP_COMPLETE", "PYTHONHOME")}
+        with self._log.open("wb") as log:
+            running = subprocess.Popen(
+                [PYTHON, "-u", "-m", f"crazyflie_examples.{script}"],
+                stdin=answers,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=environment,
+            )
+        try:
+
+            def over() -> bool:
+                nonlocal keys
+                self.output = self._log.read_text(encoding="utf-8", errors="replace")
+                if keys and "press button" in self.output:
+                    self._lab.listen(2.0)
+                    os.write(asks, keys)
+                    keys = b""
+                return running.poll() is not None or until()
+
+            self._lab.wait(over, f"the end of {script}", LONGEST)
+        finally:
+            code = running.poll()
+            running.kill()
+            running.wait()
+            os.close(asks)
+            os.close(answers)
+            print(f"--- {script}\n{self.output}")
+        assert code in (0, None), self.output
+        assert "Traceback" not in self.output
+
+    def track(self, name: str) -> tuple[FloatArray, FloatArray]:
+        """Return times, s, and places (M, 3), m, of a drone."""
+        stamps = [messages.nanoseconds_from_stamp(pose.header.stamp) * 1e-9 for pose in self._poses[name]]
+        where = [(p.pose.position.x, p.pose.position.y, p.pose.position.z) for p in self._poses[name]]
+        return np.array(stamps), np.array(where)
+
+    def require_landed(self, *names: str) -> None:
+        """Wait until drones are on the floor."""
+        self._lab.wait(lambda: all(self.track(name)[1][-1, 2] < DOWN for name in names or PLACES), "the landing")
+
+    def passes(self, name: str, place: tuple[float, float, float], distance: float = 0.1) -> bool:
+        """Whether a drone came near a place."""
+        return bool((np.linalg.norm(self.track(name)[1] - place, axis=1) < distance).any())
+
+
+@pytest.fixture
+def flight(lab: Lab, tmp_path: Path) -> Flight:
+    return Flight(lab, tmp_path)
+
+
+def curve(file: Path) -> tuple[FloatArray, FloatArray]:
+    """Return times and places (M, 3) of a trajectory of polynomials, 50 times a second."""
+    rows = np.loadtxt(file, delimiter=",", skiprows=1, usecols=range(33))
+    times, places, begin = [], [], 0.0
+    for row in rows:
+        t = np.arange(0.0, row[0], 0.02)
+        times.append(begin + t)
+        places.append(np.stack([polyval(t, row[1 + 8 * axis : 9 + 8 * axis]) for axis in range(3)], axis=-1))
+        begin += row[0]
+    return np.concatenate(times), np.concatenate(places)
+
+
+def error(track: tuple[FloatArray, FloatArray], reference: tuple[FloatArray, FloatArray], start: FloatArray) -> float:
+    """Return by how much, RMS, m, a flight misses a curve from a start on, at the best time to begin it."""
+    (stamps, where), (times, places) = track, reference
+    found = []
+    for begin in np.arange(stamps[0], stamps[-1] - times[-1], 0.05):
+        at = np.stack([np.interp(begin + times, stamps, where[:, axis]) for axis in range(3)], axis=-1)
+        found.append(float(np.sqrt(((at - places - start) ** 2).sum(axis=1).mean())))
+    return min(found)
+
+
+def test_hello_world(flight: Flight) -> None:
+    flight.fly("hello_world")
+    flight.require_landed()
+    assert flight.passes("cf231", (0.0, 0.5, 1.0))
+    assert flight.track("cf5")[1][:, 2].max() < DOWN
+
+
+def test_nice_hover(flight: Flight) -> None:
+    flight.fly("nice_hover", keys=b"x")
+    flight.require_landed()
+    assert all(flight.passes(name, (x, y, 1.0)) for name, (x, y, _) in PLACES.items())
+
+
+def test_goto_unicast(flight: Flight) -> None:
+    flight.fly("goto_unicast")
+    flight.require_landed()
+    for name, (x, y, _) in PLACES.items():
+        corners = [(x, y), (x + 0.5, y), (x + 0.5, y + 0.5), (x, y + 0.5)]
+        assert all(flight.passes(name, (*corner, 0.5)) for corner in corners)
+
+
+def test_arming(lab: Lab, tmp_path: Path) -> None:
+    flight = Flight(lab, tmp_path, vehicle="brushless")
+    told: list[Any] = lab.watch(interfaces.status_topic(Status), "cf231")
+    flight.fly("arming")
+    armed = [bool(status.supervisor_info & Status.SUPERVISOR_INFO_IS_ARMED) for status in told]
+    changes = [now for before, now in zip([None, *armed], armed, strict=False) if now != before]
+    assert changes == [False, True, False]
+
+
+@pytest.mark.parametrize("script", ["figure8", "cmd_full_state"])
+def test_a_figure_of_eight(flight: Flight, script: str) -> None:
+    flight.fly(script)
+    flight.require_landed()
+    reference = curve(DATA / "figure8.csv")
+    height = 1.0 if script == "figure8" else 0.5
+    for name, place in PLACES.items() if script == "figure8" else [("cf231", PLACES["cf231"])]:
+        missed = error(flight.track(name), reference, np.array(place) + (0.0, 0.0, height))
+        print(f"{script}: {name} misses the trajectory by {missed:.3f} m RMS")
+        assert missed < FOLLOWED
+
+
+def test_multi_trajectory(flight: Flight) -> None:
+    flight.fly("multi_trajectory")
+    flight.require_landed()
+    for number, (name, place) in enumerate(PLACES.items()):
+        reference = curve(DATA / "multi_trajectory" / f"traj{number}.csv")
+        missed = error(flight.track(name), reference, np.array(place) + (0.0, 0.0, 1.0) - reference[1][0])
+        print(f"multi_trajectory: {name} misses the trajectory by {missed:.3f} m RMS")
+        assert missed < FOLLOWED
+    assert "cf231/upload_trajectory: trajectory up to piece 32: a real drone holds 31" in flight.server.output
+
+
+def test_group_mask(flight: Flight) -> None:
+    flight.fly("group_mask")
+    flight.require_landed()
+    for name in PLACES:
+        stamps, where = flight.track(name)
+        climbed = stamps[where[:, 2] > 0.3]
+        assert 0.0 < climbed[-1] - climbed[0] < 5.5, "once, not in the first three seconds"
+
+
+def test_set_param(flight: Flight, lab: Lab) -> None:
+    flight.fly("set_param")
+    assert "not disabled" not in flight.output
+    assert "keyError" not in flight.output
+
+
+def test_swap(flight: Flight) -> None:
+    flight.fly("swap")
+    flight.require_landed()
+    assert flight.passes("cf5", (0.0, -0.2, 0.4))
+    assert flight.passes("cf5", (0.0, 0.2, 0.4))
+    assert flight.passes("cf231", (0.0, 0.2, 0.5))
+    assert flight.passes("cf231", (0.0, -0.2, 0.5))
+
+
+def test_vel_mux(flight: Flight, lab: Lab) -> None:
+    """It runs until it is stopped: here when the drone has flown ahead and landed."""
+    publisher = lab.node.create_publisher(Twist, "/cmd_vel", 10)
+    wanted = Twist()
+    wanted.linear.x = 0.3
+    timer = lab.node.create_timer(0.1, lambda: publisher.publish(wanted))
+
+    def over() -> bool:
+        where = flight.track("cf231")[1]
+        if where[-1, 0] > 0.5:
+            wanted.linear.x, wanted.linear.z = 0.0, -1.0
+        return bool(wanted.linear.z < 0.0 and where[-1, 2] < DOWN)
+
+    flight.fly("vel_mux", until=over)
+    timer.cancel()
+    assert flight.track("cf231")[1][:, 2].max() == pytest.approx(0.5, abs=0.15)
+
+
+def test_a_log_block_is_added_and_removed(flight: Flight, lab: Lab) -> None:
+    block = interfaces.Topic("attitude", LogDataGeneric, interfaces.LOG_BLOCK, interfaces.LOG_BLOCK)
+    logged = lab.watch(block, "cf231")
+    wanted = {"topic_name": "attitude", "frequency": 20, "vars": ["stabilizer.yaw", "pm.vbat"]}
+    assert lab.ask(AddLogging, "cf231/add_logging", **wanted).success
+    lab.wait(lambda: len(logged) > 20, "log messages")
+    assert list(logged[-1].values) == pytest.approx([0.0, 4.0])
+    assert logged[-1].timestamp - logged[-11].timestamp == pytest.approx(500, abs=100)
+    assert not lab.ask(AddLogging, "cf231/add_logging", **wanted).success
+    assert not lab.ask(AddLogging, "cf5/add_logging", **{**wanted, "vars": ["range.front"]}).success
+    assert lab.ask(RemoveLogging, "cf231/remove_logging", topic_name="attitude").success
+    lab.listen(0.5)
+    before = len(logged)
+    lab.listen(0.5)
+    assert len(logged) == before
+    assert not lab.ask(RemoveLogging, "cf231/remove_logging", topic_name="attitude").success
