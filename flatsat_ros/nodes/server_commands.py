@@ -57,7 +57,7 @@ class ServerCommands:
         """Offer for one drone, or for all, what is there for it."""
         crazyswarm.serve_arming(self._node, interfaces.drone_service_of(who, interfaces.ARM), partial(_arm, drones))
         kinds = crazyswarm.services()
-        for name, (kind, command) in _COMMANDS.items() if kinds else ():
+        for name, (kind, command) in COMMANDS.items() if kinds else ():
             service = interfaces.drone_service_of(who, name)
             self._node.create_service(getattr(kinds, kind), service, partial(self._serve, name, command, drones))
         messages = crazyswarm.message_types()
@@ -137,7 +137,7 @@ def _notify(drone: Drone, _request: Any) -> None:
 
 
 # by the name of the service: its type in crazyflie_interfaces, and what a drone does, which may end with a warning
-_COMMANDS: dict[str, tuple[str, Callable[[Drone, Any], str | None]]] = {
+COMMANDS: dict[str, tuple[str, Callable[[Drone, Any], str | None]]] = {
     interfaces.TAKEOFF: ("Takeoff", _take_off),
     interfaces.LAND: ("Land", _land),
     interfaces.GO_TO: ("GoTo", _go_to),

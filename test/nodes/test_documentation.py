@@ -20,11 +20,15 @@ from flatsat_ros.nodes.controller_node import ControllerNode
 from flatsat_ros.nodes.mocap_player import MocapPlayer
 from flatsat_ros.nodes.recorder import Recorder
 from flatsat_ros.nodes.ros import interfaces
+from flatsat_ros.nodes.server_commands import COMMANDS
+from flatsat_ros.nodes.server_parameters import FIRMWARE
 from flatsat_ros.nodes.sim_drone import SimDrone
+from flatsat_ros.nodes.sim_server import SimServer
 
 NODES = {
     "controller": ControllerNode,
     "sim_drone": SimDrone,
+    "sim_server": SimServer,
     "mocap_player": MocapPlayer,
     "record": Recorder,
     **({"cflib_bridge": CflibBridge} if find_spec("cflib") else {}),
@@ -34,12 +38,16 @@ GIVEN = {
     "mocap_player": {"file": "{folder}/recording.csv"},
     "record": {"output": "{folder}/bag"},
     "cflib_bridge": {"pose_rate": "50.0", "external_pose": "pose"},
+    "sim_server": {"odom_rate": "10.0"},
 }
 # defaults that are put into words
 COMPUTED = {"start_positions", "uris"}
 # what rclpy declares and offers by itself
 OWN_PARAMETER = re.compile(r"use_sim_time|start_type_description_service|qos_overrides\..*")
 OWN_TOPICS = {"parameter_events", "rosout"}
+ABSOLUTE = {interfaces.DIAGNOSTICS, interfaces.NAMED_POSES, interfaces.TF}
+# of the simulated firmware
+FIRMWARE_PARAMETER = re.compile(r"(cf1|all)\.params\.(.+)")
 OWN_SERVICE = re.compile(r".*/(\w+_parameters\w*|get_parameter_types|list_parameters|get_type_description)")
 
 
@@ -75,7 +83,7 @@ def offer_of(node: Node) -> Offer:
 
     def name(resolved: str) -> str:
         relative = resolved.removeprefix("/")
-        return re.sub("^cf1/", "<robot>/", relative) if resolved != interfaces.DIAGNOSTICS else resolved
+        return re.sub("^cf1/", "<robot>/", relative) if resolved not in ABSOLUTE else resolved
 
     parameters = {
         name: (value.value, value.type_.name.lower().replace("_", " "), not node.describe_parameter(name).read_only)
@@ -149,9 +157,12 @@ def test_every_program_is_documented_with_its_node(page: str, root: Path, offers
 def test_every_parameter_is_documented_with_its_type_and_default(
     program: str, page: str, offers: dict[str, Offer]
 ) -> None:
-    declared, text = offers[program].parameters, section(page, f"## Parameters of `{program}`")
+    every, text = offers[program].parameters, section(page, f"## Parameters of `{program}`")
+    declared = {name: what for name, what in every.items() if not FIRMWARE_PARAMETER.fullmatch(name)}
     common = {name for name in declared if not name.startswith("robots.")}
     (table, *_) = tables(text)
+    if program == "sim_server":
+        table = tables(section(page, "## Parameters of `sim_drone`"))[0] + table
     assert {name for row in table for name in names(row[0])} == common
     for name in {name.rpartition(".")[2] for name in declared} - common:
         assert f"`.{name}`" in text or f"`robots.<name>.{name}`" in text
@@ -165,6 +176,18 @@ def test_every_parameter_is_documented_with_its_type_and_default(
             assert changeable == (program == "controller" and row[4] == "yes"), name
 
 
+def test_every_firmware_parameter_is_documented_and_may_change(page: str, offers: dict[str, Offer]) -> None:
+    declared = {
+        found.groups(): changeable
+        for name, (_, _, changeable) in offers["sim_server"].parameters.items()
+        if (found := FIRMWARE_PARAMETER.fullmatch(name))
+    }
+    assert set(declared) == {(who, name) for who in ("cf1", interfaces.ALL) for name in FIRMWARE}
+    assert all(declared.values())
+    _, table = tables(section(page, "## Parameters of `sim_server`"))
+    assert sorted(name for row in table for name in names(row[0])) == sorted(FIRMWARE)
+
+
 def test_every_telemetry_entry_is_documented(page: str) -> None:
     (table,) = tables(page.partition("**telemetry.**")[2].partition("## ")[0])
     assert [name for entry, *_ in table for name in names(entry)] == list(FIELDS)
@@ -175,7 +198,6 @@ def test_every_topic_is_documented_with_its_ends_type_and_quality(page: str, off
     for name, kinds, ends, qos in tables(section(page, "## Topics"))[0]:
         what, *condition = kinds.split(", ")
         if condition == ["where that is installed"] and find_spec(what.partition("/")[0]) is None:
-            assert names(name) == [interfaces.status_topic(object).of("<robot>")]
             continue
         way = ""
         for word in re.findall(r"in:|out:|[a-z_]+", ends):
@@ -183,12 +205,12 @@ def test_every_topic_is_documented_with_its_ends_type_and_quality(page: str, off
             if word in offers:
                 verb = {"in": "subscribed", "out": "published"}[way]
                 (own,) = re.findall(rf"{verb} ([^;]*)", qos) or [qos]
-                documented.add((word, way, names(name)[0], what, own))
+                documented |= {(word, way, one, what, own) for one in names(name)}
     assert documented == {(program, *topic) for program, offer in offers.items() for topic in offer.topics}
 
 
 def test_every_service_is_documented_with_its_type(page: str, offers: dict[str, Offer]) -> None:
-    controllers, plans, drones, commanders = tables(section(page, "## Services"))
+    controllers, plans, drones, commanders, logging = tables(section(page, "## Services"))
     installed = find_spec("crazyflie_interfaces") is not None
     documented = {
         ("controller", interfaces.service_of(who, names(name)[0]), what)
@@ -196,18 +218,19 @@ def test_every_service_is_documented_with_its_type(page: str, offers: dict[str, 
         for who in ("<robot>", interfaces.ALL)
     }
     documented |= {("controller", names(cell)[0], "std_srvs/Trigger") for cell, *_ in plans}
-    for program in {"sim_drone", "cflib_bridge"} & set(offers):
+    for program in {"sim_drone", "sim_server", "cflib_bridge"} & set(offers):
         for cell, what, _ in drones:
             own, *crazyswarms = re.findall(r"\w+/\w+", what)
             for name in names(cell):
-                if program != "cflib_bridge" or not name.endswith("/reboot"):
+                if program != "cflib_bridge" or name not in ("<robot>/reboot", "all/arm"):
                     documented.add((program, name, crazyswarms[0] if crazyswarms and installed else own))
-    if installed:
-        documented |= {
-            ("sim_drone", name, re.findall(r"\w+/\w+", what)[0]) for cell, what in commanders for name in names(cell)
-        }
+    for programs, table in ((("sim_drone", "sim_server"), commanders), (("sim_server",), logging)):
+        if installed:
+            offered = {(name, re.findall(r"\w+/\w+", what)[0]) for cell, what in table for name in names(cell)}
+            documented |= {(program, *service) for program in programs for service in offered}
     assert documented == {(program, *service) for program, offer in offers.items() for service in offer.services}
     # installed or not, these are the names that we use
-    used = (interfaces.TAKEOFF, interfaces.LAND, interfaces.GO_TO, interfaces.NOTIFY)
-    expected = {interfaces.drone_service_of(who, name) for who in ("<robot>", interfaces.ALL) for name in used}
-    assert {name for cell, _ in commanders for name in names(cell)} == expected
+    commands = {interfaces.drone_service_of(who, name) for who in ("<robot>", interfaces.ALL) for name in COMMANDS}
+    assert {name for cell, _ in commanders for name in names(cell)} == commands
+    blocks = (interfaces.ADD_LOGGING, interfaces.REMOVE_LOGGING)
+    assert {name for cell, _ in logging for name in names(cell)} == {f"<robot>/{name}" for name in blocks}

@@ -9,7 +9,7 @@ import pytest
 
 from flatsat_ros.nodes import programs
 
-NAMES = ("controller", "sim_drone", "cflib_bridge", "mocap_player", "record")
+NAMES = ("controller", "sim_drone", "sim_server", "cflib_bridge", "mocap_player", "record")
 
 
 @pytest.mark.parametrize("name", NAMES)
