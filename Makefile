@@ -21,10 +21,10 @@ EXTREMES := $(foreach version,3.10 3.13,$(if $(call python_found,$(version)),.ve
 
 unexport PYTHONPATH AMENT_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help setup build demo test test-noble test-kernels bench reproduce falsify faults soak fuzz lint docs identification certificates clean test-browser
+.PHONY: help setup build demo test test-noble test-kernels bench reproduce falsify faults soak fuzz lint docs identification certificates clean test-browser test-crazyswarm2
 
 help:  ## this list
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 16
+	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 16
 
 setup: $(SETUP)  ## .venv from pinned requirements, for scripts, too; PYTHON=python3.12 chooses the interpreter
 
@@ -68,6 +68,14 @@ test-browser: build .venv/.browser  ## the pages as a person uses them; needs De
 
 .venv/.browser: requirements/browser.txt
 	$(BIN)/python -m pip install --disable-pip-version-check --requirement $<
+	touch $@
+
+test-crazyswarm2: build .venv-crazyswarm2/.done  ## crazyswarm2's scripts, SOURCE=CHECKOUT of it; PACKAGES="more interfaces to build"
+	$(SOURCED) $(BIN)/python test/crazyswarm2.py --python .venv-crazyswarm2/bin/python --source "$(SOURCE)" $(PACKAGES:%=--package %) $(ARGS)
+
+.venv-crazyswarm2/.done: requirements/crazyswarm2.txt
+	$(BIN)/python -m venv $(@D)
+	$(@D)/bin/python -m pip install --disable-pip-version-check --requirement $<
 	touch $@
 
 bench: build  ## the benchmark against solvers and a bare rclpy node

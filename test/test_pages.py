@@ -134,9 +134,11 @@ def missing_members(page: str) -> list[str]:
 
 def unknown_commands(page: str) -> list[str]:
     """`make x` without such a target, `ros2 run flatsat_ros x` without such a program."""
-    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    targets = set(re.findall(r"^([a-z0-9-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
     programs = set(re.findall(r'"(\w+) = flatsat_ros\.', (ROOT / "setup.py").read_text(encoding="utf-8")))
-    asked = {f"make {name}" for name in re.findall(r"^make ([a-z-]+)", code(page), re.MULTILINE) if name not in targets}
+    asked = {
+        f"make {name}" for name in re.findall(r"^make ([a-z0-9-]+)", code(page), re.MULTILINE) if name not in targets
+    }
     run = re.findall(r"(?:ros2 run flatsat_ros |lib/flatsat_ros/)(\w+)", code(page))
     return sorted(asked | {name for name in run if name not in programs})
 

@@ -57,7 +57,9 @@ class Flight:
     def fly(self, script: str, keys: bytes = b"", until: Callable[[], bool] = lambda: False) -> None:
         """Run a script to its end, or until something holds; press keys when it asks for a button."""
         asks, answers = pty.openpty()
-        environment = {k: v for k, v in os.environ.items() if k not in ("_ROS_WHEELS_BOOTSTRAP_COMPLETE", "PYTHONHOME")}
+        # another environment than that of the tests: its libraries are its own
+        environment = {**os.environ, "LD_LIBRARY_PATH": os.environ["CRAZYSWARM2_LIBRARIES"]}
+        environment.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None)
         with self._log.open("wb") as log:
             running = subprocess.Popen(
                 [PYTHON, "-u", "-m", f"crazyflie_examples.{script}"],
