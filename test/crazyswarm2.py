@@ -42,9 +42,8 @@ def main() -> int:
         build(package, python)
     libraries = BUILT / "lib"
     modules = libraries / f"python{sysconfig.get_python_version()}" / "site-packages"
-    sources = [
-        str((options.source / name).resolve()) for name in ("crazyflie_py", "crazyflie_examples", "crazyflie_server_py")
-    ]
+    source = options.source.resolve()
+    sources = [str(source / name) for name in ("crazyflie_py", "crazyflie_examples", "crazyflie_server_py")]
     environment = {
         **os.environ,
         "PYTHONPATH": os.pathsep.join([os.environ.get("PYTHONPATH", ""), str(modules), *sources]).strip(os.pathsep),

@@ -243,3 +243,14 @@ def test_a_log_block_is_added_and_removed(flight: Flight, lab: Lab) -> None:
     lab.listen(0.5)
     assert len(logged) == before
     assert not lab.ask(RemoveLogging, "cf231/remove_logging", topic_name="attitude").success
+
+
+def test_motion_capture_of_all_drones_reaches_the_servers_kind_of_subscriber(flight: Flight, lab: Lab) -> None:
+    capture = pytest.importorskip("motion_capture_tracking_interfaces.msg")
+    came: list[Any] = []
+    # as both of crazyswarm2's servers ask for it: late poses are to be told
+    qos = interfaces.named_poses_qos(100.0)
+    lab.node.create_subscription(capture.NamedPoseArray, interfaces.NAMED_POSES, came.append, qos)
+    lab.wait(lambda: len(came) > 20, "poses of all drones")
+    assert [pose.name for pose in came[-1].poses] == list(PLACES)
+    assert came[-1].poses[1].pose.position.y == pytest.approx(-0.5, abs=0.01)
