@@ -35,6 +35,7 @@ EXECUTABLES = [
     "report",
     "reproduce",
     "sim_drone",
+    "sim_server",
     "soak",
     "synthesize",
     "validate",

@@ -19,7 +19,7 @@ YAML = """
 fileversion: 3
 robots:
   cf231: {enabled: true, uri: "radio://0/80/2M/E7E7E7E7E7", initial_position: [0.0, 0.5, 0.0], type: cf21}
-  cf5: {enabled: true, initial_position: [0.0, -0.5, 0.0]}
+  cf5: {enabled: true, uri: "radio://0/80/2M/E7E7E7E705", initial_position: [0.0, -0.5, 0.0], type: cf21}
 """
 
 
@@ -34,8 +34,10 @@ def server(tmp_path: Path) -> Callable[..., object]:
         rclpy.init(args=["--ros-args", *(part for name, value in given.items() for part in ("-p", f"{name}:={value}"))])
         try:
             node = SimServer()
-            yield node
-            node.destroy_node()
+            try:
+                yield node
+            finally:
+                node.destroy_node()
         finally:
             rclpy.shutdown()
 
@@ -55,8 +57,12 @@ def test_a_script_reads_where_its_robots_begin_and_their_uris(server: Callable[.
         assert node.get_name() == "crazyflie_server"
         assert value(node, "robots.cf231.initial_position") == [0.0, 0.5, 0.0]
         assert value(node, "robots.cf231.uri") == "radio://0/80/2M/E7E7E7E7E7"
-        assert int(str(value(node, "robots.cf5.uri"))[-2:], 16) == 2, "a script knows a robot by its last byte"
         assert value(node, "robots.cf231.type") == "cf21"
+
+
+def test_drones_without_a_file_have_numbers_that_scripts_can_know_them_by(server: Callable[..., object]) -> None:
+    with server(crazyflies_yaml="''", robot_names="[a, b]") as node:  # type: ignore[attr-defined]
+        assert [int(str(value(node, f"robots.{name}.uri"))[-2:], 16) for name in ("a", "b")] == [1, 2]
 
 
 def test_a_firmware_parameter_is_set_for_one_drone_or_for_all(server: Callable[..., object]) -> None:
