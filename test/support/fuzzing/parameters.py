@@ -71,7 +71,7 @@ class _Brief(ControllerNode):
             assert (tick.input[:, 0] <= self._certificate.limits.thrust_max * (1.0 + 1e-9)).all()
             if number == 3:
                 with contextlib.suppress(ValueError):
-                    pilot.set_goal(0, pilot._state[0, :3] + (0.0, 0.0, 0.5))
+                    pilot.set_goal(0, (0.0, 0.0, float(pilot.height[0]) + 0.5))
         self._pilot.retire()
 
     def is_shut_down(self) -> bool:

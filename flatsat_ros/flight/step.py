@@ -1,0 +1,217 @@
+"""One step of N drones: estimate, reference, law, flight mode, command. Node and simulation run this same code."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from time import perf_counter
+
+import numpy as np
+
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.flight.modes import AIRBORNE, Mode, Transition
+from flatsat_ros.flight.parts import Parts
+from flatsat_ros.flight.policy import GoalMode, Policy
+from flatsat_ros.flight.tick import Report, Tick
+from flatsat_ros.law.controller import Output
+from flatsat_ros.law.flatness import input_from_acceleration
+
+# a thrust of this share of T_max is at its limit
+_FULL = 0.98
+# s: after so long without a tick that is told; the firmware takes set-points for lost after 0.5 s
+_PAUSE = 0.2
+
+_FLY, _LEVEL, _DESCEND = (mode.value for mode in AIRBORNE)  # numpy compares with these ten times faster
+_GROUNDED = np.array([mode not in AIRBORNE for mode in Mode])  # of each mode
+
+
+class ControlStep:
+    """Takes the parts of a `Pilot` from tick to tick.
+
+    Attributes:
+        now: time of the last tick, s.
+        state: (N, 6) what was estimated then, m, m/s.
+        usable: (N,) whose state could be flown on then.
+        reports: what people are told with the next tick.
+    """
+
+    def __init__(self, certificate: Certificate, policy: Policy, parts: Parts, count: int) -> None:
+        """Begin before the first tick.
+
+        Args:
+            certificate: what is proved of the loop.
+            policy: the figures of the flight layer.
+            parts: of which the flight is put together.
+            count: N.
+        """
+        self._certificate, self._policy, self._parts = certificate, policy, parts
+        self.now = -np.inf
+        self.state, self.usable = np.zeros((count, 6)), np.zeros(count, dtype=bool)
+        self.reports: list[Report] = []
+        self._full = np.zeros(count, dtype=bool)  # thrust at its limit
+
+    def begin(self, index: int, *, patient: bool) -> None:
+        """Let a new reference of drone index be flown; patient for one that waits for poses that are lost."""
+        parts = self._parts
+        parts.supervisor.request(index, patient=patient)
+        parts.steering.note_reference(index)
+        if parts.supervisor.mode[index] == _FLY:
+            parts.guidance.replan(index, self.now)
+
+    def tick(self, now: float) -> Tick:
+        """Compute all commands at time now, s; called once per period of the certificate."""
+        begin, parts = perf_counter(), self._parts
+        estimator, guidance, senses, mode = parts.estimator, parts.guidance, parts.senses, parts.supervisor.mode
+        if now < self.now:
+            estimator.restart()
+            parts.supervisor.set_clock_back(now)
+            senses.set_clock_back(now)
+            parts.traffic.set_clock_back()
+        elif now - self.now > _PAUSE:
+            self.reports += self._paused(now - self.now)
+        self.now = now
+        for index, reason in parts.clearance.barred():
+            if parts.supervisor.call_off(index):
+                self.reports.append(Report(index, f"its take-off is called off: {reason}"))
+        estimated = parts.loop.estimate(now, senses.due)
+        state, estimate = estimated[:, :6], estimated[:, 6:]
+        self.state = state
+        usable = self.usable = estimator.usable(now, self._policy.pose_timeout)
+        grounded = _GROUNDED[mode]
+        ready = usable & ~(grounded & parts.orientations.unready_all()) if np.count_nonzero(grounded) else usable
+        sight = senses.look(now, estimated, ready, mode, guidance)
+        transitions = parts.supervisor.advance(now, sight)
+        parts.traffic.note(now, state, usable)
+        if transitions:
+            self._take(transitions, estimated)
+        if parts.traffic.is_due:
+            for index in parts.traffic.look():
+                self.begin(index, patient=True)
+            self.reports += parts.traffic.reports()
+        flying = mode == _FLY
+        references = guidance.references
+        reference = references.sample(now)
+        guidance.update(now, state, reference, flying, self._full)
+        for index, text in guidance.outside(state):
+            if flying[index]:
+                guidance.land(index, now)
+                self.reports.append(Report(index, f"{text}: it brakes and lands"))
+        aim = parts.loop.aim(now, estimated, reference, flying)
+        output = parts.steering.step(aim.state, estimator.yaw, aim.base, flying)
+        level = (mode == _LEVEL) | (mode == _DESCEND)
+        turned, kept = flying, level
+        unseen = parts.orientations.unseen(now)
+        if np.count_nonzero(unseen):
+            turned, kept = flying & ~unseen, level | (flying & unseen)
+            for index in parts.orientations.patience_ends(now, flying):
+                guidance.land(index, now)
+                self.reports.append(Report(index, "its orientation is not seen and yaw_source is measured: it lands"))
+        yaw_rate = parts.yaw.turn(estimator.yaw, references.yaw, turned, kept)
+        command, acceleration = self._command(now, output, flying, level)
+        commanded = acceleration  # as far as the yaw is right
+        if np.count_nonzero(senses.braking.active):
+            commanded = self._brake(command, acceleration, level & usable)
+
+        assessment = parts.loop.assess(output, acceleration, flying)
+        free = senses.note(commanded, estimated, estimator.yaw, flying, guidance.landing)
+        if self._policy.goal_mode is GoalMode.PATH:  # steps take a drone to its limit by themselves
+            for index in senses.at_limit(now, aim.base, estimate, aim.error, guidance.landing):
+                if flying[index]:
+                    guidance.land(index, now, state[index, :3])
+        for index in parts.loop.astray():
+            if free[index] and not guidance.landing[index]:
+                guidance.land(index, now)
+                self.reports.append(Report(index, "it is where it cannot be if nothing is broken: it brakes and lands"))
+        self._full = command[:, 0] >= _FULL * self._certificate.limits.thrust_max
+        changing = bool(transitions) or senses.looked
+        aloft = level | (flying & ~senses.grounded) if changing else None
+        estimator.command(now, acceleration, free, aloft)
+        told = senses.reports() + estimator.complaints() + parts.loop.reports(free)
+        reports, self.reports = self.reports + [Report(*entry) for entry in told], []
+        return Tick(
+            mode=mode.copy(),
+            input=command,
+            yaw_rate=yaw_rate,
+            yaw=parts.yaw.heading,
+            output=output,
+            reference=reference,
+            error=aim.error,
+            disturbance=aim.disturbance,
+            thrust_scale=senses.thrust.cautious(flying),
+            assessment=assessment,
+            transitions=transitions,
+            reports=tuple(reports),
+            duration=perf_counter() - begin,
+        )
+
+    def _paused(self, seconds: float) -> list[Report]:
+        """Return what is told of the drones in the air when there was no tick for some time, s."""
+        text = f"no tick for {seconds:.2f} s: the controller or its machine stood still, and no commands were sent"
+        return (
+            []
+            if seconds == np.inf
+            else [Report(int(i), text) for i in np.flatnonzero(~_GROUNDED[self._parts.supervisor.mode])]
+        )
+
+    def _take(self, transitions: Sequence[Transition], estimated: FloatArray) -> None:
+        """Let the parts know of the drones that changed their mode."""
+        reset = []
+        for index, before, after, _ in transitions:
+            ground = self._parts.senses.enter(index, before, after, estimated[index], self.now, self._parts.guidance)
+            if ground is not None:
+                self._parts.guidance.ground[index] = ground
+            if after is Mode.FLY:
+                if before not in (Mode.LEVEL, Mode.DESCEND):
+                    reset.append(index)
+                if self._policy.goal_mode is GoalMode.PATH:
+                    self._set_out(index, before, estimated[index, :6])
+            elif after in (Mode.CUT, Mode.REST, Mode.FALLEN):
+                self._parts.guidance.landing[index] = False
+                reset.append(index)
+        self._parts.steering.reset(*reset)
+        self._parts.traffic.follow(transitions)
+
+    def _set_out(self, index: int, before: Mode, state: FloatArray) -> None:
+        """Let drone index, with a state (6,), set out from where it is: its flight begins, or goes on after a mode."""
+        end = self._parts.guidance.destination(index)
+        away = self._parts.guidance.start(index, state, self.now)
+        if not away or end is None:
+            return
+        if before not in (Mode.LEVEL, Mode.DESCEND):
+            self.reports.append(Report(index, f"its trajectory is {away:.2f} m away: it stays where it is"))
+        elif self._parts.traffic.lead_on(index, end):
+            self._parts.guidance.replan(index, self.now)
+        self.reports += self._parts.traffic.reports()
+
+    def _command(
+        self, now: float, output: Output, flying: np.ndarray, level: np.ndarray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return input and acceleration of each mode: the law's in FLY, level without position, else zero."""
+        if np.count_nonzero(flying) == flying.size:
+            return output.input, output.acceleration
+        flies = flying[:, np.newaxis]
+        command = np.where(flies, output.input, 0.0)
+        acceleration = np.where(flies, output.acceleration, 0.0)
+        if np.count_nonzero(level):
+            thrust = self._parts.senses.descent.thrust(now)
+            command[level, 0] = thrust[level]
+            acceleration[level, 2] = thrust[level] - self._certificate.limits.gravity
+        return command, acceleration
+
+    def _brake(self, command: FloatArray, acceleration: FloatArray, sinking: np.ndarray) -> FloatArray:
+        """Let drones brake that sink because they do not move as commanded, see `flight.braking`.
+
+        Args:
+            command: (N, 3) input, which is changed.
+            acceleration: (N, 3) that shall come, m/s^2, which is changed.
+            sinking: (N,) who sinks and has a known velocity.
+
+        Returns:
+            (N, 3) m/s^2 that is commanded for it.
+        """
+        yaw = self._parts.estimator.yaw
+        who, wanted, asked = self._parts.senses.braking.accelerations(self.state[:, 3:5], yaw, sinking)
+        commanded = acceleration.copy()
+        acceleration[who, :2], commanded[who, :2] = wanted, asked
+        command[who] = input_from_acceleration(commanded[who], yaw[who], self._certificate.limits.gravity)
+        return commanded
