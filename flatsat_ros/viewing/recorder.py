@@ -18,8 +18,11 @@ from flatsat_ros.viewing.flight import COMMAND_FIELDS, POSE_FIELDS, Channel, Fli
 
 def setup_of(certificate: Certificate, policy: Policy) -> dict[str, object]:
     """Return what a viewer draws limits by: names and values, in SI units."""
-    limits, box = certificate.limits, policy.box
-    return {
+    limits, box, flight = certificate.limits, policy.box, certificate.flight
+    tubes = {}
+    if flight is not None:
+        tubes = {"tube_m": flight.horizontal.tube.position, "tube_z_m": flight.vertical.tube.position}
+    return tubes | {
         "certificate": certificate.name,
         "period": certificate.period,
         "thrust_min": limits.thrust_min,

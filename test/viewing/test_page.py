@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flatsat_ros.flight.assumptions import Assumption
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.viewing.flight import POSE_FIELDS, Channel, Event, Flight, Track
@@ -97,6 +98,9 @@ def test_the_pages_fields_are_those_of_the_telemetry() -> None:
     numbered = re.search(r"MODES = \[(.*?)\];", (PAGE / "look.js").read_text(encoding="utf-8"))
     assert numbered
     assert re.findall(r'"([^"]+)"', numbered[1]) == [mode.name for mode in Mode]
+    doubts = re.search(r"ASSUMPTIONS = \[(.*?)\];", (PAGE / "look.js").read_text(encoding="utf-8"), re.DOTALL)
+    assert doubts
+    assert len(re.findall(r'"[^"]*"', doubts[1])) == len(Assumption)
 
 
 def test_the_vendored_libraries_are_those_of_their_checksums() -> None:

@@ -11,7 +11,7 @@ const TUNED = [
   ["gamma_max", "γ max", 1, 100],
   ["nu", "ν, 1/s", 0.001, 10],
 ];
-const WATCHED = ["Position error", "V / ε", "Gain γ", "Applied gain k", "Thrust T", "Roll φ", "Pitch θ", "Height z", "Compensated disturbance", "Thrust scale", "Battery", "Tick time"];
+const WATCHED = ["Horizontal error", "Vertical error", "V / ε", "Gain γ", "Applied gain k", "Thrust T", "Roll φ", "Pitch θ", "Height z", "Compensated disturbance", "Thrust scale", "Battery", "Tick time"];
 
 class ConsolePage {
   constructor() {
@@ -164,7 +164,7 @@ class ConsolePage {
       const error = 100 * Math.hypot(value("error_x"), value("error_y"), value("error_z"));
       const age = drone.ages.pose;
       const old = element("b", age > LATE ? { class: "late" } : {}, Number.isFinite(age) ? `${written(1000 * age, 2)} ms` : "none");
-      const proven = which === 2 ? (value("guaranteed") === 1 ? "guaranteed" : "not guaranteed") : "";
+      const proven = which === 2 ? (value("guaranteed") === 1 ? "guaranteed" : ["not guaranteed", ASSUMPTIONS[value("assumption")]].filter(Boolean).join(": ")) : "";
       lines[0].replaceChildren("z ", element("b", {}, pose ? `${pose.position[2].toFixed(2)} m` : "–"), "  error ", element("b", {}, which === 2 ? `${error.toFixed(1)} cm` : "–"), "  γ ", element("b", {}, written(value("gamma"))), "  ", proven);
       lines[1].replaceChildren("battery ", element("b", {}, `${written(drone.channel("battery").at("voltage", time, 10))} V`), "  pose age ", old);
     });

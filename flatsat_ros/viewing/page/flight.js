@@ -72,6 +72,18 @@ class Drone {
     const place = ["error_x", "error_y", "error_z"].map((field, k) => pose.position[k] - ticks.at(field, time));
     return place.every(Number.isFinite) ? place : null;
   }
+
+  /** Radii of the tube at a time, m, horizontal and vertical; null where none is certified. */
+  tubeAt(time) {
+    const radii = ["tube", "tube_z"].map((field) => this.channel("tick").at(field, time));
+    return radii.every((radius) => radius > 0) ? radii : null;
+  }
+
+  /** Why nothing is guaranteed at a time; empty where something is, or where that is not known. */
+  doubtAt(time) {
+    const ticks = this.channel("tick");
+    return ticks.at("mode", time) === 2 && ticks.at("guaranteed", time) === 0 ? ASSUMPTIONS[ticks.at("assumption", time)] || "" : "";
+  }
 }
 
 /** All drones, what happened to them, and what is known of the controller. */

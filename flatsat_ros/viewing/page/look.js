@@ -6,6 +6,12 @@ const MODES = ["IDLE", "UNLOCK", "FLY", "LEVEL", "CUT", "REST", "DESCEND", "FALL
 // white text on them can be read
 const MODE_COLOURS = ["#66717c", "#1f6fb2", "#007a59", "#8f6200", "#4a1c2a", "#4f7a6b", "#b84c00", "#a4003b"];
 
+// what does not hold of what a certificate of flight assumes, by the number in the telemetry
+const ASSUMPTIONS = [
+  "", "pose too old", "ticks not even", "poses not where expected", "disturbance too large", "disturbance changes too fast",
+  "reference asks for too much", "gain outside its interval", "not back in its tube yet", "outside its tube",
+];
+
 function colourOf(index) {
   return COLOURS[index % COLOURS.length];
 }

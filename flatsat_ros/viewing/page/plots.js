@@ -5,7 +5,8 @@ const SQUARED = (row) => Math.hypot(...row);
 
 /** What is drawn: title, unit, channel, fields, how a row of fields becomes a value, and limits from the setup. */
 const QUANTITIES = [
-  { title: "Position error", unit: "cm", kind: "tick", fields: ["error_x", "error_y", "error_z"], value: (row) => 100 * SQUARED(row), flying: true, limits: (s) => [100 * s.tube_m] },
+  { title: "Horizontal error", unit: "cm", kind: "tick", fields: ["error_x", "error_y"], value: (row) => 100 * SQUARED(row), flying: true, limits: (s) => [100 * s.tube_m] },
+  { title: "Vertical error", unit: "cm", kind: "tick", fields: ["error_z"], value: ([a]) => 100 * a, flying: true, limits: (s) => [-100 * s.tube_z_m, 100 * s.tube_z_m] },
   { title: "V / ε", unit: "", kind: "tick", fields: ["V/eps"], flying: true, limits: () => [1] },
   { title: "Gain γ", unit: "", kind: "tick", fields: ["gamma"], limits: (s) => [s.gain_max] },
   { title: "Applied gain k", unit: "", kind: "tick", fields: ["k"], flying: true },

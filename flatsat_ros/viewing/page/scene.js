@@ -170,7 +170,6 @@ class View3d {
 
   show(time) {
     this.time = time;
-    const { setup } = this.flight;
     this.flight.drones.forEach((drone, k) => {
       const model = this.models[k];
       const pose = this.chosen[k] ? drone.poseAt(time) : null;
@@ -181,11 +180,12 @@ class View3d {
       model.label.position.set(...pose.position);
       const reference = drone.referenceAt(time);
       for (const part of [model.reference, model.stick]) part.visible = reference !== null;
-      model.tube.visible = reference !== null && setup.tube_m > 0;
+      const tube = drone.tubeAt(time);
+      model.tube.visible = reference !== null && tube !== null;
       if (reference) {
         model.reference.position.set(...reference);
         model.tube.position.set(...reference);
-        model.tube.scale.set(setup.tube_m, setup.tube_m, setup.tube_z_m || setup.tube_m);
+        if (tube) model.tube.scale.set(tube[0], tube[0], tube[1]);
         const ends = model.stick.geometry.attributes.position;
         ends.setXYZ(0, ...pose.position);
         ends.setXYZ(1, ...reference);

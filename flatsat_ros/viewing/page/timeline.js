@@ -11,7 +11,8 @@ class Timeline {
     this.canvas = element("canvas", { role: "img", "aria-label": "flight modes and guarantee of each drone over time" });
     this.marker = element("div", { class: "now" });
     this.stage = element("div", { class: "strips" }, this.canvas, this.marker);
-    host.append(this.stage, this.legend());
+    this.doubts = element("p", { class: "doubts" });
+    host.append(this.stage, this.legend(), this.doubts);
     this.stage.addEventListener("pointerdown", (event) => {
       this.stage.setPointerCapture(event.pointerId);
       this.seek(event);
@@ -26,7 +27,7 @@ class Timeline {
     const isLive = Number.isFinite(this.seconds);
     const used = MODES.filter((_, mode) => isLive || this.flight.drones.some((drone) => (drone.channel("tick").column("mode") || []).includes(mode)));
     const keys = used.map((name) => element("span", {}, element("i", { style: `background:${MODE_COLOURS[MODES.indexOf(name)]}` }), name));
-    return element("div", { class: "legend" }, ...keys, element("span", {}, element("i", { class: "proven" }), "guaranteed"));
+    return element("div", { class: "legend" }, ...keys, element("span", {}, element("i", { class: "proven" }), "guaranteed"), element("span", {}, element("i", { class: "doubt" }), "an assumption does not hold"));
   }
 
   get names() {
@@ -46,6 +47,8 @@ class Timeline {
 
   mark(time) {
     this.time = time;
+    const doubts = this.flight.drones.map((drone) => [drone.name, drone.doubtAt(time)]).filter(([, doubt]) => doubt);
+    this.doubts.textContent = doubts.length ? `Not guaranteed: ${doubts.map((words) => words.join(", ")).join("; ")}` : "";
     const width = this.stage.clientWidth - this.names;
     this.marker.hidden = Number.isFinite(this.seconds);
     this.marker.style.transform = `translateX(${this.names + (width * time) / this.flight.end}px)`;
@@ -82,11 +85,12 @@ class Timeline {
   strip(pen, ticks, toX, top, row) {
     const modes = ticks.column("mode");
     const proven = ticks.column("guaranteed");
+    const broken = ticks.column("assumption");
     if (!modes) return;
     let begin = Math.max(0, ticks.indexAt(this.begin));
     for (let k = begin + 1; k <= ticks.length; k += 1) {
       const isEnd = k === ticks.length;
-      if (!isEnd && modes[k] === modes[begin] && (proven ? proven[k] === proven[begin] : true)) continue;
+      if (!isEnd && modes[k] === modes[begin] && (proven ? proven[k] === proven[begin] : true) && (broken ? broken[k] === broken[begin] : true)) continue;
       const from = toX(ticks.times[begin]);
       const to = toX(ticks.times[isEnd ? k - 1 : k]);
       pen.fillStyle = MODE_COLOURS[modes[begin]] || "#000";
@@ -94,6 +98,12 @@ class Timeline {
       if (proven && proven[begin] === 1) {
         pen.fillStyle = "#fff";
         pen.fillRect(from, top + row - 5, Math.max(1, to - from), 2);
+      } else if (broken && broken[begin] > 0 && modes[begin] === 2) {
+        const why = ASSUMPTIONS[broken[begin]] || "";
+        pen.fillStyle = "#f0e442";
+        pen.fillRect(from, top + row - 5, Math.max(1, to - from), 3);
+        pen.fillStyle = "#fff";
+        if (pen.measureText(why).width < to - from - 6) pen.fillText(why, from + 3, top + (row - 4) / 2);
       }
       begin = k;
     }
