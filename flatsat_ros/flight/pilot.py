@@ -112,11 +112,11 @@ class Pilot:
         Raises:
             FlatsatError: it does not fly, or see `set_reference`.
         """
-        self._supervisor.require_mode(index, Mode.FLY, purpose="fly a plan")
+        self._parts.supervisor.require_mode(index, Mode.FLY, purpose="fly a plan")
         self._require_clear(index)
-        self._guidance.require_near(index, trajectory, self._now)
+        self._parts.guidance.require_near(index, trajectory, self._step.now)
         self.traffic.admit_planned(index, trajectory)
-        self._begin(index, patient=False)
+        self._step.begin(index, patient=False)
 
     def require_ready(self, index: int) -> None:
         """Refuse drone index if it neither flies nor may take off.
@@ -125,19 +125,19 @@ class Pilot:
             FlatsatError: it is in another mode, disarmed, or something keeps it on the ground.
         """
         self._require_clear(index)
-        if self.mode[index] != _FLY and not self._usable[index]:
+        if self.mode[index] != Mode.FLY and not self._step.usable[index]:
             raise FlatsatError("the drone's pose is not known: it needs fresh poses")
         modes = (Mode.FLY, Mode.IDLE, Mode.UNLOCK, Mode.CUT, Mode.REST)
-        self._supervisor.require_mode(index, *modes, purpose="set out")
+        self._parts.supervisor.require_mode(index, *modes, purpose="set out")
 
     def follows(self, index: int) -> Trajectory | None:
         """Return the reference of drone index while it flies, else None."""
-        return self._guidance.references.trajectory(index) if self.mode[index] == _FLY else None
+        return self._parts.guidance.references.trajectory(index) if self.mode[index] == Mode.FLY else None
 
     def is_at_rest(self, index: int) -> bool:
         """Tell whether drone index flies and its reference stays where it is, and it is not landing."""
-        resting = self._guidance.references.at_rest[index] and not self._guidance.landing[index]
-        return bool(resting and self.mode[index] == _FLY)
+        resting = self._parts.guidance.references.at_rest[index] and not self._parts.guidance.landing[index]
+        return bool(resting and self.mode[index] == Mode.FLY)
 
     def _require_clear(self, index: int) -> None:
         """Refuse a reference for drone index if it must not take off, or lands because its battery is empty.
@@ -228,7 +228,7 @@ class Pilot:
     @property
     def places(self) -> FloatArray:
         """(N, 3) estimated positions of the last tick, m, world frame."""
-        return self._state[:, :3]
+        return self._step.state[:, :3]
 
     def hand_over(self, index: int) -> None:
         """Fall silent about drone index in flight: from now on somebody else must command it, within 0.5 s.
