@@ -149,6 +149,7 @@ class PacketQueue(Generic[S, P]):
         self._period, self._gap, self._lifetime = period, gap, lifetime
         self._waiting: dict[S, tuple[float, P]] = {}
         self._sent: dict[S, float] = {}
+        self._taken: dict[S, tuple[float, P]] = {}
         self._last = -math.inf
         self._lock = threading.Lock()
         self.overtaken: Counter[S] = Counter()
@@ -165,7 +166,10 @@ class PacketQueue(Generic[S, P]):
             return min((self._due(stream) - now for stream in streams if stream in self._waiting), default=math.inf)
 
     def take(self, streams: Collection[S], now: float) -> tuple[S, P] | None:
-        """Return stream and packet that have waited longest among those that may be sent now, None if there is none."""
+        """Return stream and packet of what may be sent now, None if there is none.
+
+        Of several it is the stream that was sent least recently: each has its turn, however often others are renewed.
+        """
         with self._lock:
             ready = []
             for stream in streams:
@@ -178,9 +182,17 @@ class PacketQueue(Generic[S, P]):
                     ready.append(stream)
             if not ready:
                 return None
-            chosen = min(ready, key=lambda stream: self._waiting[stream][0])
+            chosen = min(ready, key=lambda stream: (self._sent.get(stream, -math.inf), self._waiting[stream][0]))
             self._sent[chosen] = self._last = now
-            return chosen, self._waiting.pop(chosen)[1]
+            self._taken[chosen] = self._waiting.pop(chosen)
+            return chosen, self._taken[chosen][1]
+
+    def again(self, stream: S) -> None:
+        """Send next what was taken last of a stream, because it got lost, or what has come since, without a pause."""
+        with self._lock:
+            if stream in self._taken:
+                self._waiting.setdefault(stream, self._taken.pop(stream))
+            self._sent.pop(stream, None)
 
     def _due(self, stream: S) -> float:
         return max(self._sent.get(stream, -math.inf) + self._period, self._last + self._gap)

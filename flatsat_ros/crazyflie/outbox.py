@@ -63,9 +63,11 @@ class _Ending(NamedTuple):
 class Outbox:
     """What one drone is to be sent. Every time, now, is the present on the caller's clock, s.
 
-    `send` belongs to one thread; the other methods may be called from any.
+    `send` belongs to one thread, and so does `pull`; the other methods may be called from any.
 
     Attributes:
+        pulled: whether the link takes what is sent again and again with `pull`, when it can transmit; `send` does not
+            send it then.
         sent: number of packets sent, by stream.
         stopped: whether an emergency stop was asked for.
         leaving: whether the link is to end.
@@ -80,13 +82,15 @@ class Outbox:
             shutdown: how the drone is left if it was flown.
         """
         self.sent: Counter[Stream] = Counter()
-        self.stopped = self.leaving = False
+        self.stopped = self.leaving = self.pulled = False
         self._queue, self._shutdown = queue, shutdown
         self._streams = {stream: (robot, stream) for stream in Stream}
         self._requests: deque[Packet] = deque()
         self._newest, self._last_setpoint = REST, -math.inf  # set-point, and when one was sent last
         self._first_stop, self._next_stop = math.inf, -math.inf  # s
         self._ending: _Ending | None = None
+        self._ended = False  # the last set-point has gone out
+        self._last: tuple[str, Stream] | None = None  # stream that was sent from last
 
     @property
     def overtaken(self) -> int:
@@ -121,8 +125,17 @@ class Outbox:
         self.leaving = True
 
     def wait(self, now: float) -> float:
-        """Return the time, s, until a packet of a stream may be sent, at least 0, inf if none waits."""
-        return max(self._queue.wait(self._streams.values(), now), 0.0)
+        """Return the time, s, until `send` may send a packet of a stream, at least 0, inf if none waits."""
+        return math.inf if self.pulled else max(self._queue.wait(self._streams.values(), now), 0.0)
+
+    def pull(self, sender: Sender, now: float) -> bool:
+        """Send the newest packet of a stream if there is one whose turn it is; return whether there was."""
+        return not (self.stopped or self._ended) and self._send_one(sender, now)
+
+    def lose(self) -> None:
+        """Take note that what was pulled last did not arrive: it, or what is newer, goes out next."""
+        if self._last is not None:
+            self._queue.again(self._last)
 
     def send(self, sender: Sender, now: float) -> bool:
         """Send what is due; return False when the last packet was sent."""
@@ -134,12 +147,21 @@ class Outbox:
             self._requests.popleft()(sender)
         if self._ending is not None and not self._go_on_ending(self._ending, sender, now):
             return False
-        if taken := self._queue.take(self._streams.values(), now):
-            (_, stream), packet = taken
-            packet(sender)
-            self.sent[stream] += 1
-            if stream is Stream.SETPOINT:
-                self._last_setpoint = now
+        if not self.pulled:
+            self._send_one(sender, now)
+        return True
+
+    def _send_one(self, sender: Sender, now: float) -> bool:
+        """Send a packet of a stream, if there is one whose turn it is; return whether there was."""
+        taken = self._queue.take(self._streams.values(), now)
+        if taken is None:
+            return False
+        self._last, packet = taken
+        _, stream = self._last
+        packet(sender)
+        self.sent[stream] += 1
+        if stream is Stream.SETPOINT:
+            self._last_setpoint = now
         return True
 
     def _offer_setpoint(self, setpoint: WireSetpoint, now: float) -> None:
@@ -167,6 +189,7 @@ class Outbox:
         if setpoint is not None:
             self._offer_setpoint(setpoint, now)
             return True
+        self._ended = True
         for _ in range(NOTICES):
             sender.no_more_setpoints()
         return False

@@ -4,23 +4,31 @@ cflib is GPL: this module is loaded by the executable cflib_bridge only.
 
 Nothing of the drone's is asked before a set-point may fly: from its first answer on it gets the newest set-point, each
 message once. So silence of the controller is silence on the radio, and the firmware's watchdogs keep their meaning.
+
+In cflib's radio driver a packet waits for the drone's turn on the dongle, and one that got lost is sent again and
+again: set-points would arrive several turns old. They are put in at the last moment instead, see `_Turn`.
 """
 
 from __future__ import annotations
 
 import logging
 import math
+import struct
 import threading
 import time
 import warnings
+from array import array
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import cflib.crtp
 from cflib.crazyflie import Crazyflie
+from cflib.crazyflie.localization import Localization
 from cflib.crazyflie.log import LogConfig
+from cflib.crtp.crtpstack import CRTPPacket, CRTPPort
 
 from flatsat_ros.base.errors import one_line
 from flatsat_ros.crazyflie.link import Address
@@ -32,6 +40,8 @@ _LOOK = 0.02  # s between two looks at the link while there is nothing to send
 _STATUS_PERIOD = 500  # ms, of battery and supervisor
 _CONSOLE_LINES = 5
 CONSOLE_CHARACTERS = 300  # of one line
+# headers of packets that hold nothing or ask for an echo, and the bits in them with which the radio numbers packets
+_EMPTY, _ECHO, _LINK_BITS = 0xFF, 0xFC, 0x0C
 _CFLIB_PREFIX = "Couldn't load link driver: "
 
 POSITION = ("stateEstimate.x", "stateEstimate.y", "stateEstimate.z")
@@ -82,16 +92,21 @@ class _CflibSender:
     def __init__(self, cf: Crazyflie) -> None:
         self._cf = cf
 
+    def _send(self, packet: CRTPPacket) -> None:
+        self._cf.send_packet(packet)
+
     def setpoint(self, setpoint: WireSetpoint) -> None:
-        """Send it. cflib turns the sign of the pitch around, as crazyswarm2's cpp back end does."""
-        self._cf.commander.send_setpoint(setpoint.roll, setpoint.pitch, setpoint.yaw, int(setpoint.thrust))
+        """Send it with the sign of the pitch turned around, as crazyswarm2's cpp back end does."""
+        values = setpoint.roll, -setpoint.pitch, setpoint.yaw, int(setpoint.thrust)
+        self._send(CRTPPacket(CRTPPort.COMMANDER << 4, struct.pack("<fffH", *values)))
 
     def external_pose(self, position: tuple[float, ...], quaternion: tuple[float, ...] | None) -> None:
         """Send it with the attitude or, without a quaternion, the position alone."""
-        if quaternion is None:
-            self._cf.loc.send_extpos(position)
-        else:
-            self._cf.loc.send_extpose(position, quaternion)
+        channel, data = Localization.POSITION_CH, struct.pack("<fff", *position)
+        if quaternion is not None:
+            channel = Localization.GENERIC_CH
+            data = struct.pack("<Bfffffff", Localization.EXT_POSE, *position, *quaternion)
+        self._send(CRTPPacket(CRTPPort.LOCALIZATION << 4 | channel, data))
 
     def arming(self, armed: bool) -> None:
         """Send the request."""
@@ -104,6 +119,46 @@ class _CflibSender:
     def no_more_setpoints(self) -> None:
         """Send the notice."""
         self._cf.commander.send_notify_setpoint_stop()
+
+
+class _Turn(_CflibSender):
+    """What one drone is sent when its turn on a dongle has come: the newest set-point, or external pose.
+
+    cflib's radio driver sends one packet after the other, the same until the drone has confirmed it, and an empty one
+    if there is nothing to say. What comes again and again takes the place of the empty ones, and of those that measure
+    the time to the drone and back.
+    """
+
+    def __init__(self, cf: Crazyflie, outbox: Outbox, answered: Callable[[], bool]) -> None:
+        """Take the place of what the driver transmits with, from now on.
+
+        Args:
+            cf: its link is a radio.
+            outbox: what the drone is to be sent.
+            answered: whether the drone has answered: before, it gets no set-points.
+        """
+        super().__init__(cf)
+        self._outbox, self._answered = outbox, answered
+        self._packet = CRTPPacket()
+        self._transmit = cf.link._radio.send_packet
+        cf.link._radio.send_packet = self._take_turn
+        outbox.pulled = True
+
+    def _send(self, packet: CRTPPacket) -> None:
+        self._packet = packet
+
+    def _take_turn(self, data: Sequence[int]) -> Any:
+        """Transmit a packet, in cflib's thread, and return the acknowledgement, which has the drone's answer."""
+        header = data[0] | _LINK_BITS
+        # with data behind it, the header of an empty packet asks for this numbering
+        spare = header == _ECHO or (header == _EMPTY and len(data) == 1)
+        if not (spare and self._answered() and self._outbox.pull(self, time.monotonic())):
+            return self._transmit(data)
+        numbered = self._packet.header & ~_LINK_BITS | data[0] & _LINK_BITS
+        acknowledged = self._transmit(array("B", [numbered, *self._packet.data]))
+        if acknowledged is None or not acknowledged.ack:
+            self._outbox.lose()
+        return acknowledged
 
 
 class Link:
@@ -225,6 +280,9 @@ class Link:
         if cf.link:
             # over UDP a single lost packet would otherwise end the connection's set-up
             cf.link.needs_resending = True
+            self.outbox.pulled = False
+            if hasattr(cf.link, "_radio"):
+                _Turn(cf, self.outbox, lambda: self.connected)
         while not cf.error:
             self._wake.wait(min(self.outbox.wait(time.monotonic()), _LOOK))
             self._wake.clear()

@@ -136,6 +136,35 @@ def test_a_burst_for_several_drones_leaves_one_after_the_other_and_the_first_at_
     ]
 
 
+@given(count=st.integers(1, 8), durations=st.lists(st.floats(0.01, 0.02), min_size=16, max_size=80))
+def test_every_stream_has_its_turn_on_a_link_that_cannot_keep_up(count: int, durations: list[float]) -> None:
+    queue: PacketQueue[int, float] = PacketQueue(count, period=0.01, gap=0.001)
+    turns, now, renewal = [0] * count, 0.0, 0.005
+    for number, duration in enumerate(durations):
+        for stream in range(count):  # all are renewed together, in the same order
+            queue.offer(stream, now, now)
+        taken = queue.take(range(count), now)
+        assert taken is not None
+        assert taken == (number % count, now)
+        turns[taken[0]] += 1
+        now += duration + renewal
+    assert max(turns) - min(turns) <= 1
+
+
+def test_what_got_lost_goes_out_again_at_once_unless_there_is_newer() -> None:
+    queue: PacketQueue[int, str] = PacketQueue(1, period=0.01, gap=0.0)
+    queue.again(0)
+    assert queue.wait([0], 0.0) == math.inf
+    queue.offer(0, "old", 0.0)
+    assert queue.take([0], 0.0) == (0, "old")
+    queue.again(0)
+    assert queue.take([0], 0.001) == (0, "old")
+    queue.offer(0, "new", 0.002)
+    queue.again(0)
+    assert queue.take([0], 0.002) == (0, "new")
+    assert queue.wait([0], 0.002) == math.inf
+
+
 def test_a_packet_that_waited_too_long_is_thrown_away() -> None:
     queue: PacketQueue[int, str] = PacketQueue(1, period=0.01, gap=0.0, lifetime=LIFETIME)
     queue.offer(0, "old", 0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
@@ -86,6 +87,34 @@ def test_the_newest_set_point_goes_out_once_and_silence_stays_silence() -> None:
     assert bench.radio.said() == [FLYING._replace(thrust=1.0)]
     assert bench.outbox.sent[Stream.SETPOINT] == len(bench.radio.sent) == 1
     assert bench.outbox.overtaken == 1
+
+
+def test_a_link_pulls_the_newest_and_sends_again_what_got_lost_until_all_is_over() -> None:
+    bench = Bench()
+    bench.outbox.pulled = True
+    bench.let_pass(0.1, FLYING)
+    assert bench.outbox.wait(bench.radio.now) == math.inf
+    assert bench.radio.sent == []
+    assert bench.outbox.pull(bench.radio, bench.radio.now)
+    bench.outbox.lose()
+    assert bench.outbox.pull(bench.radio, bench.radio.now)
+    assert not bench.outbox.pull(bench.radio, bench.radio.now)
+    bench.outbox.lose()
+    bench.outbox.command(REST, bench.radio.now)
+    assert bench.outbox.pull(bench.radio, bench.radio.now)
+    assert [what for _, what in bench.radio.sent] == [FLYING, FLYING, REST]
+    bench.outbox.leave()
+    assert not bench.let_pass(ZERO_TIME + 0.1)
+    assert not bench.outbox.pull(bench.radio, bench.radio.now), "after the notice no set-point follows"
+    assert bench.radio.said() == [FLYING, REST, "end"]
+
+
+def test_nothing_is_pulled_after_an_emergency_stop() -> None:
+    bench = Bench()
+    bench.outbox.pulled = True
+    bench.let_pass(0.1, FLYING)
+    bench.outbox.stop_motors()
+    assert not bench.outbox.pull(bench.radio, bench.radio.now)
 
 
 def test_requests_go_first_and_are_forgotten_with_the_connection() -> None:
