@@ -178,8 +178,11 @@ class Outbox:
         """Return how to leave the drone: alone if it was never flown; without a descent if its motors rest already."""
         if self._last_setpoint == -math.inf:
             return None
-        rests = self._newest.thrust == 0.0 or now - self._last_setpoint > FIRMWARE_PATIENCE
-        return replace(self._shutdown, descent=0.0) if rests else self._shutdown
+        return self._shutdown if self.flies(now) else replace(self._shutdown, descent=0.0)
+
+    def flies(self, now: float) -> bool:
+        """Tell whether its motors turn by set-points of ours."""
+        return self._newest.thrust > 0.0 and now - self._last_setpoint <= FIRMWARE_PATIENCE
 
     def _go_on_ending(self, ending: _Ending, sender: Sender, now: float) -> bool:
         """Offer the next set-point of the shutdown sequence; return False when it is over."""

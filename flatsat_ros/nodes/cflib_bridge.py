@@ -10,6 +10,7 @@ import math
 import os
 import socket
 import sys
+import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from enum import Enum
@@ -18,18 +19,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from geometry_msgs.msg import Twist
-from std_srvs.srv import Empty
+from rclpy.task import Future
+from std_srvs.srv import Empty, Trigger
 
 from flatsat_ros.base.constants import GRAVITY
-from flatsat_ros.base.errors import FlatsatError, refusal
+from flatsat_ros.base.errors import FlatsatError, refusal, require_number
 from flatsat_ros.base.files import located
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot
 from flatsat_ros.crazyflie.link import (
+    BAD_QUALITY,
+    POOR_QUALITY,
+    QUALITY,
+    QUALITY_HOLD,
     Address,
+    LinkQuality,
     PacketQueue,
+    Reception,
     ShutdownSequence,
     SupervisorInfo,
     require_packable,
+    require_pose,
     sendable,
 )
 from flatsat_ros.crazyflie.outbox import Outbox, Packet, Stream
@@ -49,6 +58,9 @@ from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 
 if TYPE_CHECKING:
     from flatsat_ros.nodes.cflib_link import Link
+
+_QUALITY_PERIOD = 0.2  # s between two looks at the link quality
+_VOLTS_MAX = 60.0  # V: no battery that flies has more
 
 # what of supervisor.info ends a flight, and how it is told; the first that holds is
 _ENDED = {
@@ -112,6 +124,9 @@ class CflibBridge(ProgramNode):
             self._locate(suffix, with_attitude=external is ExternalPose.POSE)
         everybody = interfaces.drone_service_of(interfaces.ALL, interfaces.EMERGENCY)
         self.create_service(Empty, everybody, partial(self._on_emergency, self.links))
+        self._qualities = [LinkQuality() for _ in self.links]
+        self._landings = [self.create_client(Trigger, interfaces.service_of(robot, "land")) for robot in self.robots]
+        self.create_timer(_QUALITY_PERIOD, self._look_at_links)
         Diagnostics(self, self._report)
         require_known_parameters(self)
         for link in self.links:
@@ -199,15 +214,23 @@ class CflibBridge(ProgramNode):
         publisher = self.create_publisher(pose.kind, pose.of(robot), pose.publish)
 
         def publish(position: tuple[float, ...], quaternion: tuple[float, ...]) -> None:
-            messages.fill_pose(message, self.get_clock().now().nanoseconds, position, quaternion)
-            publisher.publish(message)
+            with self.faults.contain(f"{robot}/on-board estimate"):
+                require_pose(position, quaternion)
+                messages.fill_pose(message, self.get_clock().now().nanoseconds, position, quaternion)
+                publisher.publish(message)
 
         return publish
 
     def _battery_publisher(self, robot: str) -> Callable[[float], None]:
         battery = interfaces.BATTERY
         publisher = self.create_publisher(battery.kind, battery.of(robot), battery.publish)
-        return lambda volts: publisher.publish(messages.battery_message(self.get_clock().now().nanoseconds, volts))
+
+        def publish(volts: float) -> None:
+            with self.faults.contain(f"{robot}/battery"):
+                require_number("battery", volts, "V", 0.0, _VOLTS_MAX)
+                publisher.publish(messages.battery_message(self.get_clock().now().nanoseconds, volts))
+
+        return publish
 
     def _line_logger(self, robot: str) -> Callable[[str], None]:
         return lambda line: self.get_logger().info(f"{robot}: {line}")
@@ -262,11 +285,35 @@ class CflibBridge(ProgramNode):
         sent = link.arm(wanted)
         return sent, "sent" if sent else f"{link.robot}: not connected: {link.condition}"
 
+    def _look_at_links(self) -> None:
+        """Tell whose radio is poor, and have the controller land a drone that is hardly reached any more."""
+        now = time.monotonic()
+        for link, quality, landing in zip(self.links, self._qualities, self._landings, strict=True):
+            value = link.values.get(QUALITY)
+            if value is None or not link.connected or not quality.measure(value, now):
+                continue
+            text = f"{link.robot}: link quality = {value:.0f} % for {QUALITY_HOLD:g} s"
+            if quality.reception is Reception.POOR:
+                self.get_logger().warning(f"{text}: must be above {POOR_QUALITY:g} %; at {BAD_QUALITY:g} % it lands")
+            elif not link.outbox.flies(now):
+                self.get_logger().error(f"{text}: it should not fly")
+            elif not landing.service_is_ready():
+                self.get_logger().error(f"{text}: land it: there is no service {landing.service_name} to ask")
+            else:
+                self.get_logger().error(f"{text}: {landing.service_name} is asked to land it")
+                landing.call_async(Trigger.Request()).add_done_callback(
+                    self.faults.contained(landing.service_name, partial(self._tell_refusal, link.robot))
+                )
+
+    def _tell_refusal(self, robot: str, answer: Future) -> None:
+        if refusal := messages.refusal_from_answer(answer.result()):
+            self.get_logger().error(f"{robot}: does not land: {refusal}")
+
     def _report(self, _now: int) -> list[Report]:
         """Return how every drone is."""
         reports = []
-        for link in self.links:
-            level, text = self._condition(link)
+        for link, quality in zip(self.links, self._qualities, strict=True):
+            level, text = self._condition(link, quality.reception)
             values: dict[str, object] = {
                 "uri": link.address.uri,
                 "silent s": f"{link.silence:.2f}",
@@ -280,7 +327,7 @@ class CflibBridge(ProgramNode):
             reports.append(Report(link.robot, link.address.uri, level, text, values))
         return reports
 
-    def _condition(self, link: Link) -> tuple[Level, str]:
+    def _condition(self, link: Link, reception: Reception) -> tuple[Level, str]:
         """Return how well a drone is, and its condition in a few words."""
         flags = int(link.values.get("supervisor.info", 0))
         if link.outbox.stopped:
@@ -292,6 +339,8 @@ class CflibBridge(ProgramNode):
                 return Level.ERROR, text
         if link.values.get("pm.vbat", math.inf) < self._vehicles[link.robot].battery.low_voltage:
             return Level.WARN, "battery low"
+        if reception is not Reception.GOOD:
+            return (Level.WARN if reception is Reception.POOR else Level.ERROR), f"link {reception.name.lower()}"
         return Level.OK, link.condition
 
 

@@ -31,7 +31,7 @@ from cflib.crazyflie.log import LogConfig
 from cflib.crtp.crtpstack import CRTPPacket, CRTPPort
 
 from flatsat_ros.base.errors import one_line
-from flatsat_ros.crazyflie.link import Address
+from flatsat_ros.crazyflie.link import QUALITY, Address
 from flatsat_ros.crazyflie.outbox import Outbox
 from flatsat_ros.crazyflie.wire import WireSetpoint
 
@@ -39,6 +39,7 @@ _RETRY = 1.0  # s between two attempts to reach a drone that does not answer
 _LOOK = 0.02  # s between two looks at the link while there is nothing to send
 _STATUS_PERIOD = 500  # ms, of battery and supervisor
 _CONSOLE_LINES = 5
+DEAD_STREAM = 2.0  # s without a report that was asked for, of a drone that is heard
 CONSOLE_CHARACTERS = 300  # of one line
 # headers of packets that hold nothing or ask for an echo, and the bits in them with which the radio numbers packets
 _EMPTY, _ECHO, _LINK_BITS = 0xFF, 0xFC, 0x0C
@@ -48,6 +49,21 @@ POSITION = ("stateEstimate.x", "stateEstimate.y", "stateEstimate.z")
 # as half floats, so that one packet holds the pose
 QUATERNION = ("stateEstimate.qx", "stateEstimate.qy", "stateEstimate.qz", "stateEstimate.qw")
 VOLTAGE, SUPERVISOR = "pm.vbat", "supervisor.info"
+
+
+@dataclass
+class _Stream:
+    """What a drone was asked to report regularly.
+
+    Attributes:
+        block: its variables, as cflib knows them.
+        heard: when it came last, or was asked for, monotonic s.
+        ask: asks for it anew.
+    """
+
+    block: LogConfig
+    heard: float
+    ask: Callable[[], None]
 
 
 @dataclass(frozen=True)
@@ -204,6 +220,7 @@ class Link:
         self._settings, self._on_pose, self._on_battery, self._on_line = settings, on_pose, on_battery, on_line
         self._wake, self._leaving = threading.Event(), threading.Event()
         self._line = ""
+        self._streams: list[_Stream] = []
         self._heard = 0.0
         self._thread = threading.Thread(target=self._run, name=f"link of {robot}", daemon=True)
 
@@ -275,6 +292,7 @@ class Link:
         # a request or a report from before may be about a drone that was rebooted since
         self.outbox.forget_requests()
         self.values.clear()
+        self._streams.clear()
         self._heard = opened = time.monotonic()
         cf.open_link(self.address.uri)
         if cf.link:
@@ -294,6 +312,7 @@ class Link:
             if ready.is_set():
                 ready.clear()
                 self._listen(cf)
+            self._listen_again(cf)
             if not (self.outbox.send(sender, time.monotonic()) if answered else not self._leaving.is_set()):
                 break
             if self.silence > self._settings.timeout:
@@ -304,7 +323,7 @@ class Link:
         """Hear what the drone says unasked."""
         cf.packet_received.add_callback(cf.note_packet)
         cf.console.receivedChar.add_callback(self._on_console)
-        cf.link_statistics.link_quality_updated.add_callback(partial(self.values.__setitem__, "link quality %"))
+        cf.link_statistics.link_quality_updated.add_callback(partial(self.values.__setitem__, QUALITY))
         cf.link_statistics.latency_updated.add_callback(partial(self.values.__setitem__, "latency ms"))
 
     def _listen(self, cf: _Crazyflie) -> None:
@@ -322,13 +341,28 @@ class Link:
         block = LogConfig(",".join(variables), period)
         for name, kind in variables.items():
             block.add_variable(name, kind)
-        block.data_received_cb.add_callback(lambda _stamp, data, _block: take(data))
+        report = _Stream(block, time.monotonic(), lambda: self._log(cf, period, variables, take))
+
+        def hear(_stamp: int, data: dict[str, float], _block: LogConfig) -> None:
+            report.heard = time.monotonic()
+            take(data)
+
+        block.data_received_cb.add_callback(hear)
+        self._streams.append(report)
         try:
             cf.log.add_config(block)
         except KeyError as error:
             cf.note_error(f"the firmware logs no such thing: {error}")
         else:
             block.start()
+
+    def _listen_again(self, cf: _Crazyflie) -> None:
+        """Ask again for what the drone has stopped to report, although it was told to and is still heard."""
+        for report in [report for report in self._streams if cf.heard - report.heard > DEAD_STREAM]:
+            self._streams.remove(report)
+            self._tell(f"no {report.block.name} for {DEAD_STREAM:g} s: asked for again")
+            report.block.delete()
+            report.ask()
 
     def _on_status(self, data: dict[str, float]) -> None:
         """Take what is a number; other firmware may log other types under these names."""
@@ -346,8 +380,11 @@ class Link:
         if len(self._line) > CONSOLE_CHARACTERS:
             lines, self._line = [*lines, self._line], ""
         for line in filter(None, (one_line(line, CONSOLE_CHARACTERS) for line in lines)):
-            self.console.append(line)
-            self._on_line(line)
+            self._tell(line)
+
+    def _tell(self, line: str) -> None:
+        self.console.append(line)
+        self._on_line(line)
 
 
 def initialise() -> None:

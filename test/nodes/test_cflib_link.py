@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 import itertools
+import math
 import random
 import struct
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+import rclpy
+from crtp_endpoint import Endpoint
+from rclpy.node import Node
 
-from flatsat_ros.crazyflie.link import Address, PacketQueue, ShutdownSequence
+from flatsat_ros.crazyflie.link import QUALITY, Address, PacketQueue, ShutdownSequence
 from flatsat_ros.crazyflie.outbox import Outbox, Stream
+from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
+from flatsat_ros.sim.fleet import SimulatedFleet
 
 pytest.importorskip("cflib", reason="the bridge is an extra")
 
 from cflib.crtp import radiodriver
 
 from flatsat_ros.nodes import cflib_link
+from flatsat_ros.nodes.cflib_bridge import CflibBridge
 
 pytestmark = pytest.mark.in_process
 
@@ -151,3 +159,117 @@ def test_set_points_do_not_wait_for_more_than_their_turn(monkeypatch: pytest.Mon
     for link in links:
         link._thread.join(5.0)
         assert not link.alive
+
+
+def test_what_a_drone_stops_to_report_is_asked_for_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(cflib_link, "DEAD_STREAM", 0.3)
+    endpoint = Endpoint(SimulatedFleet(load_vehicle("cf21"), 1))
+    endpoint.switch_on()
+    cflib_link.initialise()
+    poses: list[Any] = []
+    lines: list[str] = []
+    link = cflib_link.Link(
+        "cf1",
+        Address.parse(endpoint.uris[0]),
+        outbox(),
+        cflib_link.Settings(10, 10.0, str(tmp_path)),
+        lambda *pose: poses.append(pose),
+        lambda _: None,
+        lines.append,
+    )
+
+    def wait_for(condition: Callable[[], bool]) -> None:
+        end = time.monotonic() + 20.0
+        while not condition():
+            assert time.monotonic() < end
+            time.sleep(0.01)
+
+    try:
+        link.start()
+        wait_for(lambda: len(poses) > 3)
+        with endpoint.lock:
+            endpoint.drones[0].blocks.clear()
+        poses.clear()
+        wait_for(lambda: any("stateEstimate.x" in line and "asked for again" in line for line in lines))
+        wait_for(lambda: len(poses) > 3)
+        assert link.connections == 1
+    finally:
+        link.leave()
+        link._thread.join(5.0)
+        endpoint.close()
+
+
+@pytest.fixture
+def bridge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[CflibBridge]:
+    """A bridge that publishes the pose of one drone, to which it is not connected."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(cflib_link.Link, "start", lambda _: None)
+    rclpy.init(args=["--ros-args", "-p", "pose_rate:=100.0", "-p", "uris:=['udp://127.0.0.1:7']"])
+    node = CflibBridge()
+    yield node
+    for claim in node._claims:
+        claim.close()
+    Node.destroy_node(node)
+    rclpy.try_shutdown()
+
+
+LEVEL = (0.0, 0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("tell", "reason"),
+    [
+        (lambda link: link._on_pose((1e30, 0.0, 0.0), LEVEL), "position"),
+        (lambda link: link._on_pose((math.nan, 0.0, 0.0), LEVEL), "position"),
+        (lambda link: link._on_pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)), "length of the quaternion"),
+        (lambda link: link._on_pose((0.0, 0.0, 0.0), (math.inf, 0.0, 0.0, 0.0)), "length of the quaternion"),
+        (lambda link: link._on_battery(math.nan), "battery"),
+        (lambda link: link._on_battery(-1e9), "battery"),
+    ],
+)
+def test_what_no_drone_can_tell_is_not_published(bridge: CflibBridge, tell: Callable[[Any], None], reason: str) -> None:
+    (link,) = bridge.links
+    published: list[Any] = []
+    for publisher in bridge.publishers:
+        publisher.publish = published.append
+    link._on_pose((1.0, 2.0, 3.0), LEVEL)
+    link._on_battery(3.9)
+    assert len(published) == 2
+    tell(link)
+    assert len(published) == 2
+    assert bridge.faults.count("cf1") == 1
+    assert reason in bridge.faults.newest("cf1")
+
+
+def test_of_a_poor_link_is_told_and_a_bad_one_lands_the_drone(
+    bridge: CflibBridge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (link,), now, asked = bridge.links, [0.0], []
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    (landing,) = bridge._landings
+    monkeypatch.setattr(landing, "service_is_ready", lambda: True)
+    monkeypatch.setattr(landing, "call_async", lambda request: asked.append(request) or SimpleNamespace(
+        add_done_callback=lambda _: None
+    ))  # fmt: skip
+    link.connected = True
+
+    def look(quality: float, seconds: float) -> str:
+        link.values[QUALITY] = quality
+        for _ in range(round(seconds / 0.2)):
+            now[0] += 0.2
+            link.command(WireSetpoint(0.0, 0.0, 0.0, 40000.0))
+            link.outbox.send(SimpleNamespace(setpoint=lambda _: None), now[0])
+            bridge._look_at_links()
+        return bridge._report(0)[0].text
+
+    assert look(100.0, 5.0) == "not connected", "the condition of a link that is told of no poor quality"
+    assert look(85.0, 2.0) == "not connected", "a short loss is no poor link"
+    assert look(85.0, 2.0) == "link poor"
+    assert asked == []
+    assert look(75.0, 4.0) == "link bad"
+    assert len(asked) == 1
+    assert look(75.0, 4.0) == look(85.0, 4.0) == "link bad"
+    assert len(asked) == 1
+    assert look(95.0, 4.0) == "not connected"
+    assert look(75.0, 4.0) == "link bad"
+    assert len(asked) == 2
