@@ -170,8 +170,8 @@ class _Turn(_CflibSender):
         spare = header == _ECHO or (header == _EMPTY and len(data) == 1)
         if not (spare and self._answered() and self._outbox.pull(self, time.monotonic())):
             return self._transmit(data)
-        numbered = self._packet.header & ~_LINK_BITS | data[0] & _LINK_BITS
-        acknowledged = self._transmit(array("B", [numbered, *self._packet.data]))
+        numbered = self._packet.get_header() & ~_LINK_BITS | data[0] & _LINK_BITS
+        acknowledged = self._transmit(array("B", [numbered, *self._packet.datal]))
         if acknowledged is None or not acknowledged.ack:
             self._outbox.lose()
         return acknowledged
