@@ -75,6 +75,7 @@ class Conductor(Node):
             for topic in _RECORDED:
                 self.record(topic, topic.of(robot))
         self.record(interfaces.SETUP, interfaces.SETUP.suffix)
+        self.record(interfaces.MARKERS, interfaces.MARKERS.suffix)
         # loggers are named after their nodes, with dots: of others in this domain nothing is kept
         self.record(interfaces.LOG, interfaces.LOG.suffix, f"{namespace.strip('/')}.".encode())
 

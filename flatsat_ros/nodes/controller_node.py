@@ -35,6 +35,7 @@ from flatsat_ros.nodes.crazyswarm import SETTLING_TIME, DroneLink
 from flatsat_ros.nodes.flight_report import FlightLog, report_flight
 from flatsat_ros.nodes.flight_services import FlightServices
 from flatsat_ros.nodes.last_resort import LastResort
+from flatsat_ros.nodes.markers import Markers
 from flatsat_ros.nodes.other_robots import declare_others, follow_others
 from flatsat_ros.nodes.plan_control import PlanControl, declare_plan
 from flatsat_ros.nodes.policy import declare_policy
@@ -106,6 +107,7 @@ class ControllerNode(ProgramNode):
         self._pilot = Pilot(self._certificate, tuning.tuning(), policy, len(self.robots), self.robots, others)
         tuning.follow(self._pilot.retune)
         SetupReport(self, self._certificate, policy)
+        Markers(self, self.robots, self._world.decode(), policy.box, self._newest)
         refusals = interfaces.REFUSALS
         self._refusals = self.create_publisher(refusals.kind, refusals.suffix, refusals.publish)
 
@@ -367,6 +369,9 @@ class ControllerNode(ProgramNode):
         for index, robot in enumerate(self.robots):
             with self.faults.contain(f"{robot}/services"):
                 self._links[index].find_services(offered)
+
+    def _newest(self) -> tuple[Tick, np.ndarray] | None:
+        return None if self._last is None else (self._last, self._pilot.places)
 
     def _report(self, _: int) -> list[Report]:
         """Return how every drone is; nothing of those of which nothing is known before the first tick."""

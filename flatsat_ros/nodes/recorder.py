@@ -25,8 +25,8 @@ from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 
 # what is recorded beside the robots' own topics
 _COMMON = (
-    interfaces.SETUP.suffix, interfaces.REFUSALS.suffix, interfaces.LOG.suffix, interfaces.DIAGNOSTICS, "/poses", "/tf",
-    "/tf_static",
+    interfaces.SETUP.suffix, interfaces.REFUSALS.suffix, interfaces.MARKERS.suffix, interfaces.LOG.suffix,
+    interfaces.DIAGNOSTICS, "/poses", "/tf", "/tf_static",
 )  # fmt: skip
 _LOOK_PERIOD = 0.5  # s between two looks for new topics
 _PROGRESS_LOOKS = 20  # of them between two lines of progress

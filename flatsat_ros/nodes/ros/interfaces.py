@@ -14,6 +14,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import MultiDOFJointTrajectory
+from visualization_msgs.msg import MarkerArray
 
 
 def _reliable(depth: int) -> QoSProfile:
@@ -95,6 +96,8 @@ LOG = Topic("/rosout", Log, _latched(1000), _latched(1000))
 SETUP = Topic("flatsat/setup", String, _latched(1), _latched(1))
 # of the controller, too: why it refused a goal or a trajectory
 REFUSALS = Topic("flatsat/refusals", String, _reliable(10), _reliable(10))
+# and what is to be drawn, for RViz and recordings
+MARKERS = Topic("flatsat/markers", MarkerArray, _reliable(1), _reliable(1))
 
 # The life-cycle of a flight, as services `<robot>/flatsat/<name>` and `all/flatsat/<name>`: the prefix keeps them from
 # clashing with those of crazyswarm2.
