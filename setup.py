@@ -11,9 +11,10 @@ SHARE = Path("share", PACKAGE)
 
 
 def configuration() -> list[tuple[str, list[str]]]:
-    """Every folder under config/ with its YAML files, as setuptools wants data_files."""
-    folders = sorted({file.parent for file in Path("config").rglob("*.yaml")})
-    return [(str(SHARE / folder), sorted(map(str, folder.glob("*.yaml")))) for folder in folders]
+    """Every folder under config/ with its YAML and RViz files, as setuptools wants data_files."""
+    files = sorted(file for kind in ("yaml", "rviz") for file in Path("config").rglob(f"*.{kind}"))
+    folders = sorted({file.parent for file in files})
+    return [(str(SHARE / folder), [str(file) for file in files if file.parent == folder]) for folder in folders]
 
 
 setup(

@@ -140,7 +140,7 @@ def _tube_summary(robot: RobotRecord) -> dict[str, float | None]:
     """
     height, times = robot.poses[:, 3], robot.ticks[:, 0]
     aloft = robot.poses[(height > height[0] + _LIFTED), 0]
-    begin, end = (aloft[0] + _SETTLED, aloft[-1]) if aloft.size else (np.inf, -np.inf)
+    begin, end = (aloft[0] + _SETTLED, aloft[-1]) if len(aloft) else (np.inf, -np.inf)
     flown = (robot.ticks[:, _MODE] == Mode.FLY) & (times >= begin) & (times <= end)
     if not flown.any():
         return dict.fromkeys(("guaranteed_share", "tube_m", "error_max_m", "tube_z_m", "error_z_max_m"))
