@@ -104,8 +104,8 @@ def pushes(samples: Samples, figures: Figures, thrust: FloatArray) -> FloatArray
 def predicted(samples: Samples, figures: Figures, at: np.ndarray, pushed: bool = True) -> FloatArray | None:
     """Return positions (len(at), 3) AHEAD of samples, from the state there and the commands before and after.
 
-    Thrust and frame are those of the first CALIBRATION seconds; so is the trim, unless the push of the half second before
-    is taken to go on.
+    Thrust and frame are those of the first CALIBRATION seconds; so is the trim, unless the push of the half second
+    before is taken to go on.
     """
     first = calibrated(samples)
     if first is None:

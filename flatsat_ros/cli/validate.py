@@ -58,14 +58,17 @@ def _run(arguments: argparse.Namespace) -> int:
         from flatsat_ros.base.strict_yaml import write_yaml
         from flatsat_ros.identification.assumptions import COVERAGE, assumptions
         from flatsat_ros.identification.disturbances import BANDWIDTH
+        from flatsat_ros.synthesis.flight_wishes import STILL
 
         coverage = COVERAGE if arguments.coverage is None else arguments.coverage
         header = (
             f"# What {len(names)} flights show: {', '.join(names)}.\n"
             f"# disturbance_rate m/s^3 up to {BANDWIDTH:.2g} Hz, noise m, pose_age s: {coverage:.4%} of the samples\n"
-            "# keep them; lag s, delay s, gain: least and largest\n"
+            "# keep them; acceleration, jerk, snap: of references, as in the certificate; lag s, delay s, gain,\n"
+            "# frequency rad/s, damping: least and largest\n"
         )
-        write_yaml(arguments.write, dict(assumptions(found, logs, base, coverage)), header)
+        reference = STILL if certificate.flight is None else certificate.flight.assumptions
+        write_yaml(arguments.write, dict(assumptions(found, logs, base, reference, coverage)), header)
         print(f"  written to {arguments.write}")
     contradicted = [each.assumption for each in verdicts if each.verdict == CONTRADICTS]
     if contradicted:

@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict, replace
 
 import numpy as np
 
 from flatsat_ros.base.errors import FlatsatError, require
+from flatsat_ros.certificate.flight_tube import Assumptions
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.identification.disturbances import disturbances, shared
+from flatsat_ros.identification.fit import BOUNDS
 from flatsat_ros.identification.identified import Identified
 from flatsat_ros.identification.log import FlightLog
 from flatsat_ros.identification.validation import between_poses, oldest
 
 COVERAGE = 0.999  # of the samples, if nothing else is asked for
+_LAG_LEAST = 2.0 * BOUNDS["damping"][0] / BOUNDS["natural_frequency"][1]  # s, of what a fit may find
 
 
 def assumptions(
-    identified: Identified, logs: Sequence[FlightLog], vehicle: VehicleProfile, coverage: float = COVERAGE
+    identified: Identified,
+    logs: Sequence[FlightLog],
+    vehicle: VehicleProfile,
+    reference: Assumptions,
+    coverage: float = COVERAGE,
 ) -> dict[str, float | list[float]]:
     """Return bounds that a share of the samples keep, and intervals of the figures that a log tells.
 
@@ -25,12 +33,13 @@ def assumptions(
         identified: what the flights tell.
         logs: of the flights.
         vehicle: for the least delay, that on board.
+        reference: whose acceleration, jerk and snap are taken over, which no log tells.
         coverage: the share, above 0.5 and below 1.
 
     Returns:
-        `disturbance_rate`, m/s^3, `noise`, m, and `pose_age`, s, as `certificate.flight_tube.Assumptions` has them, and
-        the ends of the intervals `lag`, s, `delay`, s, and `gain`. A log tells the sum of lag and delay alone: the
-        delay is from that on board to the longest that the fit found, the lag whatever the sum leaves for such a delay.
+        The fields of `Assumptions`, and the ends of the intervals `lag`, s, `delay`, s, `gain` and, where they are
+        told, `frequency`, rad/s, and `damping`. A log tells the sum of lag and delay alone: the delay is from that on board
+        to the longest that the fit found, the lag whatever the sum leaves for such a delay.
 
     Raises:
         FlatsatError: the flights do not tell one of them; or the coverage is no such share, or more than the number of
@@ -49,12 +58,16 @@ def assumptions(
         )
     longest = max(vehicle.delay, float(identified.common.delays.max()))
     delay = vehicle.delay, longest
-    lag = max(total[0] - delay[1], 0.0), max(total[1] - delay[0], 0.0)
-    return {
-        "disturbance_rate": float(np.quantile(shared(change), coverage)),
-        "noise": float(np.quantile(shared(identified.noise), coverage)),
-        "pose_age": oldest(between_poses(logs), coverage),
-        "lag": list(lag),
-        "delay": list(delay),
-        "gain": list(gain),
-    }
+    lag = max(total[0] - delay[1], _LAG_LEAST), max(total[1] - delay[0], _LAG_LEAST)
+    told = {"gain": gain}
+    for name, figure in (("frequency", "natural_frequency"), ("damping", "damping")):
+        interval = identified.figures[figure].interval
+        if interval is not None:
+            told[name] = interval
+    bounds = replace(
+        reference,
+        disturbance_rate=float(np.quantile(shared(change), coverage)),
+        noise=float(np.quantile(shared(identified.noise), coverage)),
+        pose_age=oldest(between_poses(logs), coverage),
+    )
+    return asdict(bounds) | {name: list(ends) for name, ends in ({"lag": lag, "delay": delay} | told).items()}

@@ -14,13 +14,13 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.base.strict_yaml import read_yaml
 from flatsat_ros.cli import excitation, validate
 from flatsat_ros.cli.identify import bag_log, main
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.identification.log import FlightLog
+from flatsat_ros.synthesis.flight_wishes import STILL, assumed
 
 pytestmark = pytest.mark.in_process
 
@@ -164,9 +164,11 @@ def test_flights_say_what_a_certificate_for_their_drone_may_assume(
     assert not written.exists()
     assert validate.main([*asked, "--coverage", "0.99"]) == 1
     assert f"written to {written}" in capsys.readouterr().out
-    document = read_yaml(written)
-    assert set(document) == {"disturbance_rate", "noise", "pose_age", "lag", "delay", "gain"}
-    assert document["gain"][0] < 0.922 < document["gain"][1]
+    taken, intervals = assumed(str(written))
+    assert (taken.acceleration, taken.jerk, taken.snap) == (STILL.acceleration, STILL.jerk, STILL.snap)
+    assert taken.pose_age == pytest.approx(0.01, rel=0.1)
+    assert set(intervals) == {"lag", "delay", "gain", "frequency", "damping"}
+    assert intervals["gain"][0] < 0.922 < intervals["gain"][1]
     for options, text in (
         (asked, "it exists: give --force to overwrite it"),
         ([*asked[:-2], "--coverage", "0.9"], "--coverage, --force: they go with --write"),

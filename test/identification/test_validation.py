@@ -15,6 +15,7 @@ from flatsat_ros.base.resources import config_path
 from flatsat_ros.base.strict_yaml import read_yaml
 from flatsat_ros.certificate.certificate import Certificate, load_certificate
 from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight_tube import Assumptions
 from flatsat_ros.crazyflie.intervals import Intervals
 from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
 from flatsat_ros.identification.assumptions import assumptions
@@ -27,6 +28,7 @@ from flatsat_ros.identification.validation import CONTRADICTS, SILENT, SUPPORTS,
 
 LOOP = load_certificate("cf21_50hz")
 FLYING = Certificate.from_document(read_yaml(config_path("cf21_flight_50hz")))  # not proved again here
+STILL = Assumptions(disturbance_rate=0.17, noise=5e-4, acceleration=0.4, jerk=0.6, snap=0.7)
 IMMEDIATE = load_certificate("paper_experiment")
 
 
@@ -230,7 +232,8 @@ def test_the_intervals_of_a_profile_are_judged(weak: VehicleProfile) -> None:
 
 def test_what_is_written_covers_the_share_that_it_says(found: Identified, logs: list[FlightLog]) -> None:
     base = load_vehicle("cf21")
-    written = assumptions(found, logs, base, 0.99)
+    assert FLYING.flight is not None
+    written = assumptions(found, logs, base, FLYING.flight.assumptions, 0.99)
     for name, values in (("disturbance_rate", disturbances(found.flights, found.common)[1]), ("noise", found.noise)):
         assert np.mean(shared(values) <= written[name]) == pytest.approx(0.99, abs=1.0 / len(values)), name
     assert written["pose_age"] == pytest.approx(0.01, rel=0.02)
@@ -240,6 +243,12 @@ def test_what_is_written_covers_the_share_that_it_says(found: Identified, logs: 
     assert delay[0] == base.delay
     assert delay[1] == pytest.approx(found.common.delays.max())
     assert lag[0] + delay[1] <= total[0] + 1e-12
+    for name in ("acceleration", "jerk", "snap"):
+        assert written[name] == getattr(FLYING.flight.assumptions, name)
+    for name, figure in (("frequency", "natural_frequency"), ("damping", "damping")):
+        ends = found.figures[figure].interval
+        assert ends is not None
+        assert written[name] == list(ends)
     assert lag[1] + delay[0] >= total[1] - 1e-12
     assert tuple(gain) == found.figures["attitude_gain"].interval
 
@@ -247,10 +256,10 @@ def test_what_is_written_covers_the_share_that_it_says(found: Identified, logs: 
 def test_what_too_few_samples_cannot_show_is_not_written(found: Identified, logs: list[FlightLog]) -> None:
     base = load_vehicle("cf21")
     with pytest.raises(FlatsatError, match=r"samples of disturbance_rate = \d+: must be at least 1000 .*more flights"):
-        assumptions(found, logs, base)
+        assumptions(found, logs, base, STILL)
     for coverage in (0.5, 1.0, float("nan")):
         with pytest.raises(FlatsatError, match="coverage"):
-            assumptions(found, logs, base, coverage)
+            assumptions(found, logs, base, STILL, coverage)
     hidden = dataclasses.replace(found, figures={**found.figures, "attitude_gain": Figure(1.0, None, 0, ())})
     with pytest.raises(FlatsatError, match="do not tell attitude gain, lag and delay"):
-        assumptions(hidden, logs, base, 0.99)
+        assumptions(hidden, logs, base, STILL, 0.99)
