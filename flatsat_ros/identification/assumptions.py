@@ -38,8 +38,8 @@ def assumptions(
 
     Returns:
         The fields of `Assumptions`, and the ends of the intervals `lag`, s, `delay`, s, `gain` and, where they are
-        told, `frequency`, rad/s, and `damping`. A log tells the sum of lag and delay alone: the delay is from that on board
-        to the longest that the fit found, the lag whatever the sum leaves for such a delay.
+        told, `frequency`, rad/s, and `damping`. A log tells the sum of lag and delay alone: the delay is from that on
+        board to the longest that the fit found, the lag whatever the sum leaves for such a delay.
 
     Raises:
         FlatsatError: the flights do not tell one of them; or the coverage is no such share, or more than the number of
