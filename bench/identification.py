@@ -25,12 +25,15 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile, load_vehicle
+from flatsat_ros.identification.disturbances import shared
 from flatsat_ros.identification.fit import excited, fit
 from flatsat_ros.identification.identified import NAMES, Identified, estimate, figures_of, identify, telling
 from flatsat_ros.identification.log import read_log
+from flatsat_ros.identification.recording import read_csv
 from flatsat_ros.identification.residuals import REACH, Flight, twice_integrated
 from flatsat_ros.identification.response import Figures, lift, motion_of
-from flatsat_ros.identification.screening import STEP, Samples, screen
+from flatsat_ros.identification.screening import STEP, Samples, position_noise, screen
+from flatsat_ros.identification.validation import oldest
 
 AHEAD = 50  # samples, 0.5 s
 PAST = 11  # samples from which the state at the start is taken, 0.1 s, by a quadratic
@@ -257,12 +260,33 @@ def simulated(runs: int) -> None:
             print(f"  {name:20s} {np.mean(hits):5.0%} of {len(hits)}")
 
 
+def recordings(folder: Path) -> None:
+    """Print what recordings of motion capture say about noise and age of poses."""
+    print("\nrecordings of motion capture: noise in mm (50 % / 99.9 % / worst), age of the newest pose")
+    for path in sorted(folder.glob("*.csv")):
+        recording = read_csv(path)
+        later = np.flatnonzero(np.diff(recording.time, prepend=-np.inf) > 0.0)
+        time, position = recording.time[later], recording.position[later]
+        use = np.isfinite(position).all(axis=1)
+        sizes = 1e3 * shared(position_noise(time, position, use))
+        between = np.diff(time[use])
+        noise = (
+            "not told" if len(sizes) == 0 else "{:.2g} / {:.2g} / {:.2g}".format(*np.percentile(sizes, (50, 99.9, 100)))
+        )
+        kept = 1.0 - np.maximum(between - 0.021, 0.0).sum() / between.sum()
+        print(
+            f"  {path.stem:24s} {between.sum():5.0f} s, {len(between) / between.sum():5.1f} Hz   {noise:22s} mm   "
+            f"99.9 % {1e3 * oldest(between, 0.999):6.0f} ms, longest {between.max():5.2f} s, up to 20 ms {kept:7.2%}"
+        )
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", nargs="?", type=Path, help="folder with CSV logs of one drone")
     parser.add_argument("--fit", nargs="+", metavar="NAME", help="flights to fit on, without .csv")
     parser.add_argument("--base", default="cf21")
+    parser.add_argument("--recordings", type=Path, help="folder with CSV recordings of motion capture")
     parser.add_argument("--runs", type=int, default=25, help="simulated drones (default: 25, a minute)")
     arguments = parser.parse_args()
     base = load_vehicle(arguments.base)
@@ -282,6 +306,8 @@ def main() -> None:
                 rest = [each for each in fitted if each is not samples]
                 pairs.append((samples, identify(rest, base).common.figures))
             prediction(pairs, base)
+    if arguments.recordings is not None:
+        recordings(arguments.recordings)
     if arguments.runs:
         simulated(arguments.runs)
 

@@ -210,7 +210,8 @@ def _limits(arguments: argparse.Namespace, vehicle: VehicleProfile | None) -> tu
     limits = InputSet(thrust, math.radians(tilt), GRAVITY)
     if vehicle is not None and thrust > vehicle.thrust_max:
         most = f"{vehicle.thrust_max:.6g} m/s^2 ({vehicle.thrust_max / GRAVITY:.4g} g)"
-        raise refusal("thrust_max", thrust, "m/s^2", f"at most {most}, what {vehicle.name} lifts")
+        weight = f"with {1e3 * vehicle.mass_for(thrust):.3g} g to take off, not {1e3 * vehicle.mass:.3g} g, it would do"
+        raise refusal("thrust_max", thrust, "m/s^2", f"at most {most}, what {vehicle.name} lifts; {weight}")
     return limits, inputs
 
 

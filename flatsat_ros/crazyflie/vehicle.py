@@ -233,6 +233,10 @@ class VehicleProfile:
             return self.force_max * self.pwm_max / PWM_FULL / self.mass
         return float(self.thrust_from_pwm(self.pwm_max))
 
+    def mass_for(self, thrust: float) -> float:
+        """Return the take-off mass, kg, with which its motors just make a mass-normalised thrust, m/s^2."""
+        return self.mass * self.thrust_max / thrust
+
     @property
     def lag(self) -> float:
         """First-order lag tau of the achieved acceleration, s: the slowest of attitude (mean delay) and thrust."""

@@ -148,7 +148,7 @@ def screen(log: FlightLog) -> Samples:
         _smoothed(level),
         poses_good,
         commands_good,
-        _noise(time, position, good & _at(time, grid, flying)),
+        position_noise(time, position, good & _at(time, grid, flying)),
         {name: count for name, count in faults.items() if count},
         tuple(notes),
     )
@@ -172,8 +172,17 @@ def _increasing(time: FloatArray) -> NDArray[np.intp]:
     return np.flatnonzero(time > latest)
 
 
-def _noise(time: FloatArray, position: FloatArray, use: BoolArray) -> FloatArray:
-    """Return third differences (K, 3) of evenly spaced positions, for which what moves is at rest, over sqrt(20)."""
+def position_noise(time: FloatArray, position: FloatArray, use: BoolArray) -> FloatArray:
+    """Return third differences of evenly spaced positions, for which what moves is at rest, over sqrt(20).
+
+    Args:
+        time: (M,) s.
+        position: (M, 3) m.
+        use: (M,) which may be used.
+
+    Returns:
+        (K, 3) m, as large as the noise of one position; none if poses come less often than each _DENSE.
+    """
     interval = float(np.median(np.diff(time)))
     even = np.abs(np.diff(time) - interval) < 0.1 * interval
     good = even[2:] & even[1:-1] & even[:-2] & use[3:] & use[2:-1] & use[1:-2] & use[:-3]

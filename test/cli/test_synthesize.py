@@ -196,6 +196,7 @@ def test_a_certificate_is_verified_and_a_wrong_one_refused(
         (["--verify", "missing.yaml"], "cannot be read"),
         ([*PAPER_LIMITS, "--period", "0"], "period (h) = 0.0"),
         (["--vehicle", "cf21", "--thrust-max-g", "1.6"], "must be at most 15.1538 m/s^2 (1.545 g), what cf21 lifts"),
+        (["--vehicle", "cf21", "--thrust-max-g", "1.6"], "with 28 g to take off, not 29 g, it would do"),
         (["--vehicle", "zeppelin"], "no packaged configuration 'zeppelin'"),
         (["--vehicle", "missing/zeppelin.yaml"], "there is no file"),
         ([*PAPER_LIMITS, "--output", "missing/x.yaml"], "the folder missing does not exist"),

@@ -94,6 +94,12 @@ def test_the_identified_profile_says_how_well_it_is_known() -> None:
     assert drone.dynamics.velocity_tilt < drone.dynamics.drag_xy / GRAVITY  # drag taken for tilt, not more
 
 
+@given(st.sampled_from(NAMES), st.floats(GRAVITY + 0.1, 40.0))
+def test_with_the_mass_for_a_thrust_that_is_the_most_it_makes(name: str, thrust: float) -> None:
+    drone = profile(name)
+    assert replace(drone, mass=drone.mass_for(thrust)).thrust_max == pytest.approx(thrust, rel=1e-12)
+
+
 @pytest.mark.parametrize("name", sorted(set(NAMES) - {"cf21_markers"}))
 def test_the_general_thrust_map_tends_to_the_linear_one(name: str) -> None:
     linear, nearly = profile(name), replace(profile(name), thrust_slope=1.0 + 1e-12)
