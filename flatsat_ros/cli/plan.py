@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING
 from flatsat_ros.cli import shell
 
 if TYPE_CHECKING:
+    from flatsat_ros.certificate.certificate import Certificate
+    from flatsat_ros.planning.mission import Mission
     from flatsat_ros.planning.planner import Round
     from flatsat_ros.plans import Plan
 
-_CERTIFICATE = "paper_experiment"  # the controller's default
 _SECONDS = 20.0
 _SHOWN = 5  # pairs
 
@@ -42,20 +43,34 @@ def _parser() -> shell.Parser:
         "--verify", type=shell.path, metavar="FILE", help="only prove this plan again, without a solver"
     )
     parser.add_argument(
-        "--certificate", metavar="NAME_OR_PATH", help=f"whose limits the references keep (default: {_CERTIFICATE})"
+        "--certificate",
+        metavar="NAME_OR_PATH",
+        help="whose limits the references keep; with a flight section it proves tubes (default: that of the "
+        "controller)",
     )
     wishes = parser.add_argument_group("wishes")
     for option, unit, text in (
-        ("tube", "M", "how far a drone may be off its reference, as you state it; nothing proves it (default: 0.05)"),
-        ("margin", "M_S2", "of accelerations to the input set (default: half the radius of the ball around hover)"),
-        ("jerk-max", "M_S3", "largest jerk (default: 2)"),
-        ("snap-max", "M_S4", "largest snap (default: 20)"),
+        (
+            "tube",
+            "M",
+            "how far a drone may be off its reference, as you state it: nothing proves it (default: what the "
+            "certificate proves, or 0.05)",
+        ),
+        (
+            "margin",
+            "M_S2",
+            "of accelerations to the input set (default: what the certificate assumes, or half the radius of the ball "
+            "around hover)",
+        ),
+        ("jerk-max", "M_S3", "largest jerk (default: what the certificate assumes, less a tenth, or 2)"),
+        ("snap-max", "M_S4", "largest snap (default: what the certificate assumes, less a tenth, or 20)"),
         ("speed-max", "M_S", "largest speed (default: not bounded)"),
         ("clearance", "M", "kept between drones beside bodies and tubes (default: 0)"),
         ("floor", "M", "lowest height of references (default: the mission's, else that of the first way-point)"),
         ("seconds", "S", f"how long to make the plan shorter (default: {_SECONDS:g}); Ctrl-C keeps the best"),
     ):
         wishes.add_argument(f"--{option}", type=float, metavar=unit, help=text)
+    parser.add_argument("--trade", action="store_true", help="only show how tube and duration depend on the jerk")
     parser.add_argument("--force", action="store_true", help="overwrite the output")
     return parser
 
@@ -77,17 +92,18 @@ def _verify(path: Path, certificate: str | None) -> None:
     """Prove a plan again and print what is left of its claims."""
     from flatsat_ros.certificate.certificate import load_certificate
     from flatsat_ros.plans import Plan
+    from flatsat_ros.plans.tubes import require_tubes
 
     plan = Plan.load(path)
     if certificate is not None:
-        plan.require_made_for(load_certificate(certificate))
+        require_tubes(plan, load_certificate(certificate))
     print(f"plan {plan.name} in {path} holds: proved with integers, for all times")
     _tell(plan)
 
 
 def _plan(arguments: argparse.Namespace) -> None:
     from flatsat_ros.base.errors import FlatsatError
-    from flatsat_ros.certificate.certificate import load_certificate
+    from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, load_certificate
     from flatsat_ros.planning.inputs import Wishes, read_mission
     from flatsat_ros.planning.planner import plan
 
@@ -98,9 +114,12 @@ def _plan(arguments: argparse.Namespace) -> None:
         raise FlatsatError("--force overwrites the output; without --output none is written")
     options = ("tube", "margin", "jerk_max", "snap_max", "speed_max", "clearance", "floor")
     given = {name: getattr(arguments, name) for name in options if getattr(arguments, name) is not None}
-    certificate = load_certificate(arguments.certificate or _CERTIFICATE)
+    certificate = load_certificate(arguments.certificate or DEFAULT_CERTIFICATE)
     name = (output or arguments.file).stem
     mission = read_mission(arguments.file, certificate, Wishes(**given), name)
+    if arguments.trade:
+        _show_trade(mission, certificate)
+        return
     seconds = _SECONDS if arguments.seconds is None else arguments.seconds
     found = plan(mission, seconds, _progress)
     if output is not None:
@@ -108,6 +127,17 @@ def _plan(arguments: argparse.Namespace) -> None:
     print(f"plan {found.name} for certificate {found.certificate}: proved with integers, for all times")
     _tell(found)
     print(f"  written to {output}" if output is not None else "  not written: give --output FILE")
+
+
+def _show_trade(mission: Mission, certificate: Certificate) -> None:
+    """Print which tubes and durations go with which jerk."""
+    from flatsat_ros.planning.trade import trade
+
+    print("jerk m/s^3  snap m/s^4  tube m  duration s, at least")
+    for choice in trade(mission, certificate):
+        tube = "   -  " if choice.tube is None else f"{choice.tube:6.4f}"
+        bound = choice.refused if choice.bound is None else f"{choice.bound:.2f}"
+        print(f"{choice.jerk_max:10.3f}  {choice.snap_max:10.3f}  {tube}  {bound}")
 
 
 def _progress(proved: Round) -> None:
@@ -125,8 +155,9 @@ def _tell(plan: Plan) -> None:
         f"{bounds.snap_max:g} m/s^4{speed}"
     )
     print(f"  box {bounds.lower.tolist()} to {bounds.upper.tolist()} m")
-    radii = sorted({drone.tube.radius for drone in plan.drones})
-    print(f"  tubes {', '.join(f'{radius:g}' for radius in radii)} m: given, not proved by a certificate")
+    for radius, source in sorted({(drone.tube.radius, drone.tube.source) for drone in plan.drones}):
+        proved = f"proved by {plan.certificate}" if source == "certificate" else "given, not proved by a certificate"
+        print(f"  tubes of {radius:g} m: {proved}")
     nearest = sorted(plan.pairs, key=lambda pair: pair.distance)[:_SHOWN]
     drones = {drone.name: drone for drone in plan.drones}
     for pair in nearest:

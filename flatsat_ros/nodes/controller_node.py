@@ -135,7 +135,9 @@ class ControllerNode(ProgramNode):
             "hand_over": self._hand_over,
         }
         steered = {name: partial(self._steer, act) for name, act in actions.items()}
-        self._plans = PlanControl(self, plan, self.robots, self._pilot, lambda: self._stamps.now, self._log)
+        self._plans = PlanControl(
+            self, plan, self.robots, self._pilot, certificate, lambda: self._stamps.now, self._log
+        )
         FlightServices(self, self.robots, steered, partial(self._steer, self._arm), self._log)
         self._links = [DroneLink(self, robot) for robot in self.robots]
         self.create_timer(self._certificate.period, self._on_tick)

@@ -58,6 +58,7 @@ class PlanControl:
         path: Path | None,
         robots: Sequence[str],
         pilot: Pilot,
+        certificate: str,
         clock: Callable[[], float],
         log: FlightLog,
     ) -> None:
@@ -68,6 +69,7 @@ class PlanControl:
             path: of the plan file given at the start; None without one.
             robots: names of the pilot's drones.
             pilot: flies them.
+            certificate: name or path of its certificate.
             clock: the pilot's time, s.
             log: tells of what is refused.
 
@@ -75,10 +77,11 @@ class PlanControl:
             FlatsatError: the plan is not valid, or not for these drones or this certificate.
         """
         self._node, self._robots, self._pilot, self._clock, self._log = node, list(robots), pilot, clock, log
+        self._certificate = certificate
         self._performance: Performance | None = None
         self._process: tuple[subprocess.Popen[bytes], BinaryIO] | None = None
         if path is not None:
-            self._take(PreparedPlan.load(path))
+            self._take(PreparedPlan.load(path, pilot.certificate))
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._begin)
         node.create_timer(_LOOK_PERIOD, self._look_at_process)
@@ -133,7 +136,7 @@ class PlanControl:
                 path = _path_of(parameter.value)
                 if path is not None:
                     output = tempfile.TemporaryFile()  # noqa: SIM115 it is closed once the process has ended
-                    self._process = subprocess.Popen(prepared.command(path), stdout=output), output
+                    self._process = subprocess.Popen(prepared.command(path, self._certificate), stdout=output), output
 
     def _look_at_process(self) -> None:
         if self._process is None or self._process[0].poll() is None:

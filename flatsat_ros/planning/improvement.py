@@ -106,13 +106,8 @@ def _timed(mission: Mission) -> Round:
 
 def _together(mission: Mission, late: Callable[[], bool]) -> Iterator[Round]:
     """Yield references of a swarm that are shorter and shorter."""
-    ways = np.linalg.norm(np.diff(mission.waypoints, axis=1), axis=2)  # (N, L)
-    proportions = np.sqrt(ways.max(axis=0) + 0.1)
-    count = len(proportions)
-    units = np.maximum(1, np.rint(_UNITS * proportions / proportions.max())).astype(np.int64)
-    spans = spans_of(count, _LEG)
-    shapes = Shapes(np.repeat(units if count > 1 else units // units, spans), spans * np.arange(count + 1))
-    bound = _bound(mission, shapes, ways)
+    shapes = _shapes(mission)
+    bound = _bound(mission, shapes)
     search = Search(_swarm(mission, shapes))
     total = int(shapes.lengths.sum())
 
@@ -139,6 +134,34 @@ def _together(mission: Mission, late: Callable[[], bool]) -> Iterator[Round]:
         else:
             modes, high = tried, shorter[0].duration
             yield Round(shorter, high, bound)
+
+
+def bound_of(mission: Mission) -> float:
+    """Return a duration, s, below which there is no plan with knots in these proportions.
+
+    Raises:
+        FlatsatError: a drone alone has no reference.
+    """
+    if len(mission.drones) > 1:
+        return _bound(mission, _shapes(mission))
+    found = shortest_legs(mission.drones[0].waypoints, mission.limits, mission.bounds)
+    if found is None:
+        raise _no_way(mission.drones[0].name, mission)
+    return found[1]
+
+
+def _shapes(mission: Mission) -> Shapes:
+    """Return the shapes of a swarm's references: the longest way of a leg decides on its share of the duration."""
+    proportions = np.sqrt(_ways(mission).max(axis=0) + 0.1)
+    count = len(proportions)
+    units = np.maximum(1, np.rint(_UNITS * proportions / proportions.max())).astype(np.int64)
+    spans = spans_of(count, _LEG)
+    return Shapes(np.repeat(units if count > 1 else units // units, spans), spans * np.arange(count + 1))
+
+
+def _ways(mission: Mission) -> FloatArray:
+    """Return the lengths (N, L) of the legs, m."""
+    return np.asarray(np.linalg.norm(np.diff(mission.waypoints, axis=1), axis=2))
 
 
 def _settled(
@@ -190,10 +213,10 @@ def _swarm(mission: Mission, shapes: Shapes) -> Swarm:
     return Swarm(shapes, mission.waypoints, mission.distances, mission.downwash, mission.limits, mission.bounds)
 
 
-def _bound(mission: Mission, shapes: Shapes, ways: FloatArray) -> float:
+def _bound(mission: Mission, shapes: Shapes) -> float:
     """Return the longest of the shortest durations of drones alone: no plan with these shapes is shorter, s."""
     longest = 0.0
-    for number in np.argsort(-ways.max(axis=1), kind="stable")[:_SLOWEST].tolist():
+    for number in np.argsort(-_ways(mission).max(axis=1), kind="stable")[:_SLOWEST].tolist():
         drone = mission.drones[number]
         found = shortest(shapes, drone.waypoints, mission.limits, mission.bounds)
         if found is None:

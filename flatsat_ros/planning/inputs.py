@@ -21,11 +21,13 @@ from flatsat_ros.base.strict_yaml import read_yaml, section
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.planning.mission import Asked, Mission
 from flatsat_ros.plans import Bounds, Tube
+from flatsat_ros.plans.tubes import certified_tube, default_bounds, require_margin
 
 _BYTES_MAX = 1024 * 1024
 _ROWS_MAX = 500
 _AROUND = 0.5  # m: the box around way-points, where none is given
 _BODY = 0.15  # m, radius, where none is given
+_TUBE = 0.05  # m, radius, where none is given or proved
 _DOWNWASH = 2.0
 _COLUMNS = ("x", "y", "z", "yaw", "t")
 
@@ -35,18 +37,19 @@ class Wishes:
     """What a user asks of a plan beside way-points; None for what the file or a default says.
 
     Attributes:
-        tube: radius, m, stated by the user.
-        margin: m/s^2; None for half the radius of the ball around hover in the input set.
-        jerk_max, snap_max: m/s^3, m/s^4.
+        tube: radius, m, stated by the user; None for what the certificate proves, or 0.05 if it has no flight section.
+        margin: m/s^2; None for what the certificate assumes, or half the radius of the ball around hover in the input
+            set.
+        jerk_max, snap_max: m/s^3, m/s^4; None for what the certificate assumes, or 2 and 20.
         speed_max: m/s; None for no bound.
         clearance: m.
         floor: m; None for that of the mission, else the height of the first way-point.
     """
 
-    tube: float = 0.05
+    tube: float | None = None
     margin: float | None = None
-    jerk_max: float = 2.0
-    snap_max: float = 20.0
+    jerk_max: float | None = None
+    snap_max: float | None = None
     speed_max: float | None = None
     clearance: float = 0.0
     floor: float | None = None
@@ -83,16 +86,33 @@ def read_mission(path: str | os.PathLike[str], certificate: Certificate, wishes:
         lower, upper = content.box or _around(content.drones)
         if wishes.floor is not None:
             lower = np.array([*lower[:2], require_number("floor", wishes.floor, "m")])
-        margin = certificate.limits.inner_radius / 2.0 if wishes.margin is None else wishes.margin
-        bounds = Bounds(margin, wishes.jerk_max, wishes.snap_max, lower, upper, wishes.speed_max)
+        wanted = (wishes.margin, wishes.jerk_max, wishes.snap_max)
+        usual = default_bounds(certificate)
+        margin, jerk, snap = (usual[i] if own is None else own for i, own in enumerate(wanted))
+        bounds = Bounds(margin, jerk, snap, lower, upper, wishes.speed_max)
+        tube = _tube(certificate, bounds, content.downwash, wishes)
         return Mission(
-            name, content.drones, certificate.name, certificate.limits, bounds, Tube(wishes.tube), content.times,
-            content.downwash, wishes.clearance,
+            name, content.drones, certificate.name, certificate.limits, bounds, tube, content.times, content.downwash,
+            wishes.clearance,
         )  # fmt: skip
     except FlatsatError as error:
         if str(error).startswith(os.fspath(path)):
             raise
         raise located(path, error) from error
+
+
+def _tube(certificate: Certificate, bounds: Bounds, downwash: float, wishes: Wishes) -> Tube:
+    """Return the tube that the certificate proves for the bounds, or the given one.
+
+    Raises:
+        FlatsatError: it proves none for them.
+    """
+    if wishes.tube is not None:
+        return Tube(wishes.tube)
+    if certificate.flight is None:
+        return Tube(_TUBE)
+    require_margin(bounds, certificate.flight)
+    return certified_tube(certificate.flight, bounds.jerk_max, bounds.snap_max, downwash)
 
 
 def _around(drones: Sequence[Asked]) -> tuple[FloatArray, FloatArray]:

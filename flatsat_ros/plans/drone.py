@@ -27,6 +27,7 @@ _ROWS_MAX = 10_000
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 _DRONE = ("body", "tube", "yaw", "knots", "control_points", "waypoints")
 _TUBE = ("source", "radius")
+_SOURCES = ("given", "certificate")
 
 
 class Waypoint(NamedTuple):
@@ -44,7 +45,8 @@ class Tube:
 
     Attributes:
         radius: m, in the downwash metric.
-        source: what says so; "given": the user does, and nothing proves it. A certificate's tube will be another.
+        source: what says so; "given": the user does, and nothing proves it; "certificate": the flight section of the
+            certificate that the plan was made for, for the plan's bounds of jerk and snap (`plans.tubes`).
     """
 
     radius: float
@@ -52,7 +54,7 @@ class Tube:
 
     def __post_init__(self) -> None:
         require_fields(self, require_not_negative, radius="m")
-        require(self.source == "given", "source of a tube", self.source, "", "'given'")
+        require(self.source in _SOURCES, "source of a tube", self.source, "", " or ".join(map(repr, _SOURCES)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """A plan made ready for flight in a process of its own: reading and proving it must not delay a tick.
 
-`python -m flatsat_ros.plans.prepared FILE` writes to its standard output what `received` reads.
+`python -m flatsat_ros.plans.prepared FILE CERTIFICATE` writes to its standard output what `received` reads.
 """
 
 from __future__ import annotations
@@ -14,9 +14,11 @@ from pathlib import Path
 from typing import BinaryIO
 
 from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.certificate.certificate import Certificate, load_certificate
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.plans.pacing import change_duration
 from flatsat_ros.plans.plan import Plan
+from flatsat_ros.plans.tubes import require_tubes
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,18 +42,20 @@ class PreparedPlan:
         return cls(plan, references, change_duration(list(references.values())))
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> PreparedPlan:
+    def load(cls, path: str | os.PathLike[str], certificate: Certificate) -> PreparedPlan:
         """Read a plan, verify it and make it ready.
 
         Raises:
-            FlatsatError: see `Plan.load`.
+            FlatsatError: see `Plan.load`; or it was made for another certificate.
         """
-        return cls.of(Plan.load(path))
+        plan = Plan.load(path)
+        require_tubes(plan, certificate)
+        return cls.of(plan)
 
 
-def command(path: Path) -> list[str]:
-    """Return the command line of the process that prepares a plan."""
-    return [sys.executable, "-m", "flatsat_ros.plans.prepared", str(path)]
+def command(path: Path, certificate: str) -> list[str]:
+    """Return the command line of the process that prepares a plan for a certificate, by its name or path."""
+    return [sys.executable, "-m", "flatsat_ros.plans.prepared", str(path), certificate]
 
 
 def received(output: BinaryIO) -> PreparedPlan:
@@ -70,9 +74,10 @@ def received(output: BinaryIO) -> PreparedPlan:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Prepare the plan that is named."""
+    """Prepare the plan that is named, for the certificate that is named."""
+    path, certificate = arguments
     try:
-        found: PreparedPlan | str = PreparedPlan.load(arguments[0])
+        found: PreparedPlan | str = PreparedPlan.load(path, load_certificate(certificate))
     except FlatsatError as error:
         found = str(error)
     pickle.dump(found, sys.stdout.buffer)

@@ -30,13 +30,13 @@ def planned(waypoints: Path) -> Path:
 
 def test_a_plan_is_written_and_proved_again(planned: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert Plan.load(planned).name == "flight"
-    assert main(["--verify", str(planned), "--certificate", "paper_experiment"]) == 0
+    assert main(["--verify", str(planned), "--certificate", "cf21_flight_50hz"]) == 0
     printed = capsys.readouterr().out
     for text in (
         "plan flight in",
         "holds: proved with integers",
-        "jerk at most 2 m/s^3",
-        "tubes 0.05 m: given, not proved",
+        "jerk at most 0.527273 m/s^3",
+        "tubes of 0.0637 m: proved by cf21_flight_50hz",
     ):
         assert text in printed
 
@@ -70,8 +70,15 @@ def other(waypoints: Path) -> Path:
     ],
 )
 def test_what_is_refused_is_one_line(
-    options: list[str], text: str, waypoints: Path, planned: Path, other: Path, capsys: pytest.CaptureFixture[str]
+    options: list[str],
+    text: str,
+    waypoints: Path,
+    planned: Path,
+    other: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr("flatsat_ros.certificate.certificate.DEFAULT_CERTIFICATE", "paper_experiment")  # soon loaded
     capsys.readouterr()
     assert main([option.format(file=waypoints, plan=planned, other=other) for option in options]) == 2
     error = capsys.readouterr().err

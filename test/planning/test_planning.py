@@ -15,12 +15,15 @@ from hypothesis import strategies as st
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.certificate.certificate import load_certificate
+from flatsat_ros.base.resources import config_path
+from flatsat_ros.base.strict_yaml import read_yaml
+from flatsat_ros.certificate.certificate import Certificate, load_certificate
 from flatsat_ros.planning import Asked, Mission, Round, Wishes, plan, read_mission, rounds
 from flatsat_ros.planning.descent import descend
 from flatsat_ros.planning.reference import shapes_of, shortest, smoothest
 from flatsat_ros.planning.search import Search, Swarm
 from flatsat_ros.planning.shapes import Shapes
+from flatsat_ros.planning.trade import trade
 from flatsat_ros.plans import Bounds, Curve, Plan, Tube
 
 CERTIFICATE = load_certificate("paper_experiment")
@@ -271,3 +274,20 @@ def test_a_wrong_file_is_refused_in_one_line(tmp_path: Path, name: str, text: st
 def test_curves_of_a_plan_have_the_spans_of_their_legs(alone: Plan) -> None:
     curve: Curve = alone.drones[0].curve
     assert len(curve.knots) == 3 * 8 + 1
+
+
+def test_larger_bounds_are_traded_for_larger_tubes(tmp_path: Path) -> None:
+    flying = Certificate.from_document(read_yaml(config_path("cf21_flight_50hz")))  # not proved again here
+    path = written(tmp_path, "a.csv", "x,y,z\n0,0,1\n1,0,1\n")
+    asked = read_mission(path, flying, Wishes(), "a")
+    assert asked.tube.source == "certificate"
+    found = list(trade(asked, flying))
+    durations = [choice.bound for choice in found if choice.bound is not None]
+    tubes = [choice.tube for choice in found if choice.tube is not None]
+    assert len(durations) > 2
+    assert durations == sorted(durations, reverse=True)
+    assert tubes == sorted(tubes)
+    assert tubes[0] < tubes[-1]
+    assert all(choice.refused for choice in found if choice.bound is None)
+    with pytest.raises(FlatsatError, match="has no flight section"):
+        next(trade(asked, CERTIFICATE))

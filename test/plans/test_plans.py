@@ -298,7 +298,7 @@ def test_a_table_is_read_strictly(crossing: Plan, tmp_path: Path, place: str, ol
 
 
 def test_another_source_of_a_tube_is_refused() -> None:
-    with pytest.raises(FlatsatError, match="source of a tube = 'hope': must be 'given'"):
+    with pytest.raises(FlatsatError, match="source of a tube = 'hope': must be 'given' or 'certificate'"):
         Tube(0.1, "hope")
 
 

@@ -1,0 +1,55 @@
+"""What speed costs: references with larger bounds of jerk and snap are shorter, and their certified tubes larger."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.planning.mission import Mission
+from flatsat_ros.plans.tubes import certified_tube
+
+_FACTORS = (0.5, 1.0, 1.5, 2.0, 3.0)  # of the mission's jerk and snap
+
+
+class Choice(NamedTuple):
+    """One choice of bounds.
+
+    Attributes:
+        jerk_max, snap_max: m/s^3, m/s^4.
+        tube: m, what the certificate proves then; None for nothing.
+        bound: s; no plan with these bounds is shorter. None if nothing can be planned.
+        refused: why not; empty where something can.
+    """
+
+    jerk_max: float
+    snap_max: float
+    tube: float | None
+    bound: float | None
+    refused: str = ""
+
+
+def trade(mission: Mission, certificate: Certificate) -> Iterator[Choice]:
+    """Yield tube and duration for several bounds of a mission, about three seconds of computation.
+
+    Raises:
+        FlatsatError: the certificate proves no tubes, or the mission's times are given.
+    """
+    from flatsat_ros.planning.improvement import bound_of  # scipy and the solver take a while to import
+
+    if certificate.flight is None:
+        raise FlatsatError(f"certificate {certificate.name!r} has no flight section: it proves no tubes to choose from")
+    if mission.times is not None:
+        raise FlatsatError("the times of the way-points are given: larger bounds make no plan shorter")
+    for factor in _FACTORS:
+        jerk, snap = factor * mission.bounds.jerk_max, factor * mission.bounds.snap_max
+        radius = None
+        try:
+            tube = certified_tube(certificate.flight, jerk, snap, mission.downwash)
+            radius = tube.radius
+            asked = replace(mission, bounds=replace(mission.bounds, jerk_max=jerk, snap_max=snap), tube=tube)
+            yield Choice(jerk, snap, radius, bound_of(asked))
+        except FlatsatError as error:
+            yield Choice(jerk, snap, radius, None, str(error))
