@@ -65,6 +65,8 @@ _SWINGING_SHARE = 0.5
 _SWINGS = 3.0
 _SWINGING_TIME = 5.0
 _OPPOSITE = -0.5  # cosine
+# it bobs if its error asks for this much, m/s^2, upward and downward in turns as often
+_BOBBING = 0.5
 
 
 class TouchDownDetector:
@@ -255,6 +257,35 @@ class TiltLimitDetector:
             np.where(np.isfinite(since), np.minimum(since, now), np.inf) for since in (self._since, self._opposed_since)
         )
         self._last = min(self._last, now)
+
+
+class BobbingDetector:
+    """Tells which drones swing up and down: commands or poses come too late for their height."""
+
+    def __init__(self, count: int) -> None:
+        """Watch nobody at first."""
+        self._sign = np.zeros(count)  # of the last large correction
+        self._swings = np.zeros(count)  # changes of it, forgotten slowly
+        self._last = -np.inf  # s, of the last look
+
+    def look(self, now: float, correction: FloatArray, steered: np.ndarray) -> np.ndarray:
+        """Tell who bobs, (N,).
+
+        Args:
+            now: s.
+            correction: (N,) vertical acceleration that the error asks for, m/s^2.
+            steered: (N,) who is in the air and steered.
+        """
+        self._swings *= math.exp(max(self._last - now, -_SWINGING_TIME) / _SWINGING_TIME)
+        self._last = now
+        large = steered & (np.abs(correction) >= _BOBBING)
+        if not np.count_nonzero(large):
+            return large
+        sign = np.sign(correction)
+        self._swings += large & (sign * self._sign < 0.0)
+        self._sign = np.where(large, sign, self._sign)
+        self._sign[~steered] = self._swings[~steered] = 0.0
+        return np.asarray(self._swings > _SWINGS)
 
 
 class AstrayDetector:

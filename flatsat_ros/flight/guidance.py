@@ -58,7 +58,7 @@ class Guidance:
             count: N.
             flight: what is assumed of references, if anything; paths keep it.
         """
-        self.references = References(count)
+        self.references = References(count, float(limits.margin(np.zeros(3))))
         self.landing = np.zeros(count, dtype=bool)
         self.ground = np.full(count, float(box.low[2]))
         self.changed: set[int] = set()

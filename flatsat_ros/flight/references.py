@@ -43,14 +43,21 @@ class References:
 
     Attributes:
         yaw: (N,) psi to hold, rad.
-        margin: (N,) distance of the trajectories' accelerations to the boundary of the input set, m/s^2.
+        margin: (N,) distance of the trajectories' accelerations, from now on, to the boundary of the input set, m/s^2.
         demand: (N,) what the trajectories ask for, over what a flight section assumes; at most 1 is kept, 0 at rest.
         assigned: how many trajectories were assigned so far.
         at_rest: (N,) whether the reference stays where it is for good: a set-point, or a trajectory that has ended.
     """
 
-    def __init__(self, count: int) -> None:
-        """Begin without any; until a drone gets one, its reference is the origin."""
+    def __init__(self, count: int, margin_at_rest: float) -> None:
+        """Begin without any; until a drone gets one, its reference is the origin.
+
+        Args:
+            count: N.
+            margin_at_rest: of a reference that stays where it is, m/s^2.
+        """
+        self._margin_at_rest = margin_at_rest
+        self._margin_on_way = np.full(count, np.inf)  # the least of the whole trajectory, m/s^2
         self.yaw = np.zeros(count)
         self.margin = np.full(count, np.inf)
         self.demand = np.zeros(count)
@@ -63,7 +70,8 @@ class References:
 
     def assign(self, index: int, trajectory: Trajectory, margin: float, demand: float = 0.0) -> None:
         """Give drone index a new trajectory with its margin, m/s^2, and demand, in force from the next sample on."""
-        self.margin[index], self.demand[index] = margin, demand
+        self.margin[index] = self._margin_on_way[index] = margin
+        self.demand[index] = demand
         self.assigned += 1
         self._trajectories[index] = trajectory
         self.at_rest[index] = False
@@ -75,8 +83,9 @@ class References:
         """Return position, velocity and acceleration of all drones at t, (N, 9); zero without a reference."""
         for index in self._present.seek(t, self._trajectories):
             self._resting[index, :3] = self._present.coefficients[index, 0]
-            self.at_rest[index] = np.isinf(self._present.until[index])
-            if self.at_rest[index]:
+            rests = self.at_rest[index] = np.isinf(self._present.until[index])
+            self.margin[index] = self._margin_at_rest if rests else self._margin_on_way[index]
+            if rests:
                 self.demand[index] = 0.0
         if self.at_rest.all():
             return self._resting.copy()

@@ -10,6 +10,7 @@ from flatsat_ros.flight.braking import Braking
 from flatsat_ros.flight.descent import BlindDescent
 from flatsat_ros.flight.detectors import (
     AstrayDetector,
+    BobbingDetector,
     FallDetector,
     LiftOffDetector,
     TiltLimitDetector,
@@ -33,8 +34,11 @@ _LATE = 0.15
 _SLID = "told to climb, it moves sideways instead: is z up in the poses?"
 _BLOWN = "at the limit of its tilt and {0:.1f} m off its reference, no nearer for seconds: wind? It lands where it is"
 _SWINGS = "it swings from one side to the other: do poses or commands come too late?"
+_BOBS = "it swings up and down: do poses or commands come too late?"
 # the lift of a drone that is to sink without poses is the mean over about this time, s: a gust does not last
 _LIFT_TIME = 1.0
+# one that sinks faster than this, m/s, is not down yet
+_SINKING = 0.1
 # a drone that moves faster than this, m/s, does not stand
 _MOVING = 0.1
 
@@ -64,6 +68,7 @@ class Senses:
         self._fall = FallDetector(count)
         self._astray = AstrayDetector(count, self._period, max(certificate.lag + certificate.delay, _LATE))
         self._limit = TiltLimitDetector(count, certificate.limits.tilt_max, gravity)
+        self._bobbing = BobbingDetector(count)
         self._blown = np.zeros(count, dtype=bool)  # it lands because the wind is too strong, until it is down
         self._reports: list[tuple[int, str]] = []
         self._lift = np.zeros(count)  # what lifts each beside its thrust, m/s^2, without gusts
@@ -110,7 +115,7 @@ class Senses:
             held=held,
             fell=self._fall.fell(now, state, disturbance[:, 2], upward, height),
             astray=self._gone_astray,
-            descended=self.descent.over(now),
+            descended=self.descent.over(now, usable & (state[:, 5] < -_SINKING)),
             grounded=self.grounded,
         )
         return self._sight
@@ -173,12 +178,15 @@ class Senses:
         blown, swinging, opposed = self._limit.look(
             now, self._acceleration, correction, push, error[:, :2], self._free, landing
         )
-        if not np.count_nonzero(blown | swinging | opposed | self._blown):
+        bobbing = self._bobbing.look(now, self._acceleration[:, 2] - base[:, 8], self._free)
+        if not np.count_nonzero(blown | swinging | opposed | bobbing | self._blown):
             return []
         for index in map(int, np.flatnonzero(blown & ~self._blown)):
             self._reports.append((index, _BLOWN.format(float(np.hypot(*error[index, :2])))))
         self._reports += [(int(index), _SWINGS) for index in np.flatnonzero(swinging & ~self._gone_astray)]
-        self._gone_astray = self._gone_astray | swinging | opposed
+        self._reports += [(int(index), _BOBS) for index in np.flatnonzero(bobbing & ~self._gone_astray)]
+        self._lift[bobbing] = 0.0  # what was seen of it was late
+        self._gone_astray = self._gone_astray | swinging | opposed | bobbing
         self._blown = self._blown | blown
         return [int(index) for index in np.flatnonzero(self._blown)]
 

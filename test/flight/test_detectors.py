@@ -9,7 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flatsat_ros.flight.detectors import AstrayDetector, LiftOffDetector, TiltLimitDetector, TouchDownDetector
+from flatsat_ros.flight.detectors import (
+    AstrayDetector,
+    BobbingDetector,
+    LiftOffDetector,
+    TiltLimitDetector,
+    TouchDownDetector,
+)
 
 LOOK = 0.05  # s between two looks
 LATE = 0.15  # s
@@ -154,6 +160,23 @@ def test_a_drone_that_is_sent_to_and_fro_swings(half: float, swings: bool) -> No
         _, swing, _ = detector.look(n * LOOK, command, command[:, :2], np.zeros((1, 2)), np.zeros((1, 2)), ON, OFF)
         found |= bool(swing[0])
     assert found is swings
+
+
+@given(half=st.floats(0.3, 1.3), height=st.floats(0.55, 8.0), first=st.sampled_from([-1.0, 1.0]))
+@settings(max_examples=15)
+def test_a_drone_that_is_sent_up_and_down_bobs(half: float, height: float, first: float) -> None:
+    def bobs(half: float, height: float, steered: np.ndarray, seconds: float) -> bool:
+        detector, found = BobbingDetector(1), False
+        for n in range(round(seconds / LOOK)):
+            push = first * height * np.sign(math.sin(math.pi * (n + 0.5) * LOOK / half))
+            found |= bool(detector.look(n * LOOK, np.array([push]), steered)[0])
+        return found
+
+    assert bobs(half, height, ON, 6.0 * half + 1.0)
+    assert not bobs(half, height, ON, 2.9 * half), "one swing may be a gust"
+    assert not bobs(4.0 * half + 2.0, height, ON, 30.0), "slowly"
+    assert not bobs(half, 0.4, ON, 10.0), "a little"
+    assert not bobs(half, height, OFF, 10.0)
 
 
 @given(ratio=st.floats(-3.0, 3.0))

@@ -146,7 +146,7 @@ def test_a_reference_of_constant_acceleration_is_followed_without_an_error(plant
     design = Design.predicting(PERIOD, plant, (0.36, 3.9, 14.2), 4.0, 2.5)
     coefficients = np.zeros((1, 8, 3))
     coefficients[0, :3] = random.standard_normal((3, 3))
-    references = References(COUNT)
+    references = References(COUNT, 1.0)
     for index in range(COUNT):
         references.assign(index, Trajectory(np.array([-1.0, 9.0]), coefficients), 1.0)
     preview = Preview(references, design, design)

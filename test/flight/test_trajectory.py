@@ -164,7 +164,7 @@ def test_all_drones_together_are_sampled_like_each_alone_in_any_order_of_times(
     plans: list[tuple[Points, float]], times: list[float]
 ) -> None:
     trajectories = [through(rows, start) for rows, start in plans]
-    references = References(len(plans))
+    references = References(len(plans), 1.0)
     for i, trajectory in enumerate(trajectories):
         references.assign(i, trajectory, 1.0)
     for t in times:
@@ -173,7 +173,7 @@ def test_all_drones_together_are_sampled_like_each_alone_in_any_order_of_times(
 
 
 def test_a_new_reference_is_in_force_at_once_and_without_one_all_is_zero() -> None:
-    references = References(2)
+    references = References(2, 1.0)
     assert not references.sample(5.0).any()
     references.assign(1, Trajectory.hold([1.0, 2.0, 3.0], 0.7), 1.0)
     np.testing.assert_array_equal(references.sample(5.0), [[0] * 9, [1, 2, 3, 0, 0, 0, 0, 0, 0]])
@@ -183,12 +183,13 @@ def test_a_new_reference_is_in_force_at_once_and_without_one_all_is_zero() -> No
 
 
 def test_a_reference_is_at_rest_for_good_as_a_set_point_and_after_the_end_only() -> None:
-    references = References(2)
+    references = References(2, 1.0)
     rest = np.zeros((2, 3))
     path = Trajectory.through([1.0, 2.0], [[0.0, 0.0, 1.0], [1.0, 0.0, 1.0]], rest, rest)
-    references.assign(0, path, 1.0)
+    references.assign(0, path, 0.3)
     references.assign(1, Trajectory.hold([0.0, 0.0, 1.0]), 1.0)
     for t, expected in [(-1.0, False), (0.5, False), (1.5, False), (2.0, True), (9.0, True), (0.5, False)]:
         sample = references.sample(t)
         assert references.at_rest.tolist() == [expected, True]
+        assert references.margin.tolist() == [1.0 if expected else 0.3, 1.0], "what lies behind needs no margin"
         np.testing.assert_allclose(sample[0], path.sample(t), atol=1e-12)

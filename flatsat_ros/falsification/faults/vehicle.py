@@ -31,8 +31,8 @@ def _blow(wind: Wind) -> Action:
     return act
 
 
-def _wind(name: str, meaning: str, wind: Wind, bounds: Bounds) -> Fault:
-    return Fault(name, meaning, ((0.0, _blow(wind)),), bounds, victims=ALL)
+def _wind(name: str, meaning: str, wind: Wind, bounds: Bounds, watched: float = 10.0) -> Fault:
+    return Fault(name, meaning, ((0.0, _blow(wind)),), bounds, victims=ALL, watched=watched)
 
 
 def _thrust(percent: int, height: float = 1.0) -> Fault:
@@ -84,7 +84,7 @@ def _unlock(scene: Scene) -> None:
 VEHICLE_FAULTS = (
     _wind("wind_2", "wind of 2 m/s", Wind(mean=(2.0, 0.0, 0.0)), Bounds(End.DONE, distance=0.5, arrival=0.25)),
     # tilted by 10 degrees the drone holds against 3.8 m/s
-    _wind("wind_4", "wind of 4 m/s", Wind(mean=(4.0, 0.0, 0.0)), Bounds(End.SAFE, told=_BLOWN)),
+    _wind("wind_4", "wind of 4 m/s", Wind(mean=(4.0, 0.0, 0.0)), Bounds(End.SAFE, told=_BLOWN), watched=15.0),
     _wind(
         "wind_6",
         "wind of 6 m/s: more than the tilt can hold against",
@@ -175,6 +175,7 @@ VEHICLE_FAULTS = (
             f"commands arrive {late:g} s late",
             ((0.0, commands(lambda _, late=late: faults.commands_delayed(late, 0))),),  # type: ignore[misc]
             bounds,
+            watched=10.0 if late < 0.3 else 40.0,  # until it is down
         )
         for late, bounds in (
             (0.1, _CLOSE),
