@@ -66,7 +66,7 @@ _SWINGS = 3.0
 _SWINGING_TIME = 5.0
 _OPPOSITE = -0.5  # cosine
 # it bobs if its error asks for this much, m/s^2, upward and downward in turns as often
-_BOBBING = 0.5
+_BOBBING = 0.7
 
 
 class TouchDownDetector:
