@@ -18,7 +18,7 @@ _SINKING = 0.5  # m/s
 _CHANGE = 1.0  # m/s^2, to come to that speed
 # the descent lasts this much longer than its height needs at that speed, relatively and in s
 _LONGER, _LATER = 1.3, 1.0
-_SEEN = 2.0  # and so many times as long while poses, if there are any, show that it sinks
+_SEEN = 3.0  # and so many times as long while poses, if there are any, show it in the air
 
 
 class BlindDescent:
@@ -71,6 +71,6 @@ class BlindDescent:
         """Let no descent last longer because the clock was set back to now, s."""
         self._began = np.where(np.isfinite(self._began), np.minimum(self._began, now), np.inf)
 
-    def over(self, now: float, sinking: np.ndarray) -> np.ndarray:
-        """Tell whose descent has lasted long enough, (N,): of those that are seen to sink still, twice as long."""
-        return np.asarray(now - self._began >= np.where(sinking, _SEEN, 1.0) * self._length)
+    def over(self, now: float, aloft: np.ndarray) -> np.ndarray:
+        """Tell whose descent has lasted long enough, (N,): for those that are seen in the air three times as long."""
+        return np.asarray(now - self._began >= np.where(aloft, _SEEN, 1.0) * self._length)

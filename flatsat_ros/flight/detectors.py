@@ -45,6 +45,8 @@ _EXPLAINED = 0.5
 _NOISE = 4e-4
 # an axis is taken for mirrored by a correlation of minus this much with what is commanded
 _MIRRORED = 0.3
+# both for turned if that explains this many times as much: one axis alone shows no difference
+_TURNED_MORE = 1.1
 # A gust that begins looks like a wrong sign until commands counter it; a wrong sign stays one for longer than this, s.
 _WRONG_TIME = 0.31
 
@@ -356,7 +358,7 @@ class AstrayDetector:
         whole = np.array([size.sum(), math.hypot(straight, across), total.sum()])
         if not (_explained(size, along, total).any() or _explained(*whole)):
             return None
-        if whole[1] > np.abs(along).sum():  # what is turned; along the axes it would be less
+        if whole[1] > _TURNED_MORE * np.abs(along).sum():  # what is turned; along the axes it would be less
             cos, sin = straight / float(whole[1]), across / float(whole[1])
             return np.array([[cos, -sin], [sin, cos]])
         return np.diag(np.where(along < -_MIRRORED * np.sqrt(size * total), -1.0, 1.0))

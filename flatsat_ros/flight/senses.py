@@ -37,8 +37,6 @@ _SWINGS = "it swings from one side to the other: do poses or commands come too l
 _BOBS = "it swings up and down: do poses or commands come too late?"
 # the lift of a drone that is to sink without poses is the mean over about this time, s: a gust does not last
 _LIFT_TIME = 1.0
-# one that sinks faster than this, m/s, is not down yet
-_SINKING = 0.1
 # a drone that moves faster than this, m/s, does not stand
 _MOVING = 0.1
 
@@ -73,6 +71,7 @@ class Senses:
         self._reports: list[tuple[int, str]] = []
         self._lift = np.zeros(count)  # what lifts each beside its thrust, m/s^2, without gusts
         self._unlocked = np.zeros(count, dtype=bool)  # it stood on the ground when its flight began
+        self._misled = np.zeros(count, dtype=bool)  # it sinks, and its height is not what its poses say
         self._gone_astray = np.zeros(count, dtype=bool)  # until it is down
         self._free = np.zeros(count, dtype=bool)  # steered in the air, away from the ground
         self._acceleration = np.zeros((count, 3))  # commanded at the last tick, m/s^2
@@ -115,7 +114,7 @@ class Senses:
             held=held,
             fell=self._fall.fell(now, state, disturbance[:, 2], upward, height),
             astray=self._gone_astray,
-            descended=self.descent.over(now, usable & (state[:, 5] < -_SINKING)),
+            descended=self.descent.over(now, usable & ~self._misled & (state[:, 2] - guidance.ground > _NEAR_GROUND)),
             grounded=self.grounded,
         )
         return self._sight
@@ -239,8 +238,8 @@ class Senses:
         height = float(estimated[2])
         if after is Mode.LEVEL or (after is Mode.DESCEND and before is Mode.FLY):
             lift = float(self._lift[index]) if self.thrust.is_settled(index) else None
-            climb = float(estimated[5])
-            if self._lift_off.slid[index]:  # that may be its height, and its speed the climb rate
+            climb, self._misled[index] = float(estimated[5]), self._lift_off.slid[index]
+            if self._misled[index]:  # that may be its height, and its speed the climb rate
                 height += self._lift_off.moved(index, estimated[:3])
                 climb = float(np.linalg.norm(estimated[3:6]))
             self.descent.begin(index, now, height - float(guidance.ground[index]), climb, lift)

@@ -41,7 +41,8 @@ def first_astray(answer: np.ndarray, phases: list[float], *, yaw: float = 0.0, g
 def swaying(
     answer: np.ndarray, phases: list[float], *, yaw: float = 0.0, gust: float = 0.0
 ) -> tuple[float, np.ndarray | None]:
-    """Time as `first_astray` returns it, and what was then seen of the answer along the body's axes."""
+    """Time as `first_astray` returns it, and what is seen of the answer along the body's axes a second later."""
+    found = math.inf
     random, detector = np.random.default_rng(1), AstrayDetector(1, LOOK, LATE)
     velocity, told, gusts = np.zeros(2), [], 0.0
     for n in range(round(6.0 / LOOK)):
@@ -53,8 +54,10 @@ def swaying(
         velocity = velocity + LOOK * (came + gusts)
         push = LOOK * told[-1][np.newaxis]
         if detector.astray(push, velocity[np.newaxis] + random.normal(0.0, 2e-3, (1, 2)), np.array([yaw]), ON)[0]:
-            return t, detector.answer(0)
-    return math.inf, detector.answer(0)
+            found = min(found, t)
+        if t > found + 1.0:
+            break
+    return found, detector.answer(0)
 
 
 def turned(degrees: float) -> np.ndarray:
