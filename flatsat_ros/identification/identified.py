@@ -4,8 +4,10 @@ The interval of a figure is for other flights of the same drone. From the estima
 with standard deviation s it is x +- t S sqrt(1 + 1/n), where S^2 = (4 S0^2 + (n - 1) s^2) / (n + 3) takes the usual
 spread S0 of flights of one drone for four more flights, and t is the 97.5 % point of Student's distribution for n + 3
 degrees of freedom. Few flights, often of one hour, are more alike than others are: S0 is what 48 flights of a
-Crazyflie 2.1 over several days had. Delay and available thrust come from the common fit, which has one of each for
-each flight. The interval is at least 2.2 standard deviations of the common fit, and what the method resolves.
+Crazyflie 2.1 over several days had. For the natural frequency it is small where a flight tells it sharply, and large
+where it does not, since there it trades with the delay, which differs from log to log where clocks do. Delay and
+available thrust come from the common fit, which has one of each for each flight. The interval is at least 2.2 standard
+deviations of the common fit, and what the method resolves.
 """
 
 from __future__ import annotations
@@ -38,10 +40,11 @@ _WIDTHS = {
 NAMES = (*_SHARES, *_WIDTHS)
 # standard deviation between flights of one drone, likewise, and for how many flights that counts
 _USUAL = {
-    **{"attitude_gain": 0.05, "natural_frequency": 0.4, "damping": 0.15, "lag_and_delay": 0.02, "thrust_lag": 0.35},
+    **{"attitude_gain": 0.05, "natural_frequency": 0.15, "damping": 0.15, "lag_and_delay": 0.02, "thrust_lag": 0.35},
     **{"velocity_tilt": 0.01, "thrust_slope": 0.15, "drag_xy": 0.04, "drag_z": 0.1, "thrust_available": 0.2},
 }
 _WEIGHT = 4
+_TRADED = 4.0  # standard deviations of a flight's own natural frequency that it may be off beside, the delay with it
 # what the method resolves, likewise: rows of 10 ms, a second-order attitude, one thrust lag for up and down
 _RESOLVED = {
     **{"attitude_gain": 0.01, "natural_frequency": 0.08, "damping": 0.08, "lag_and_delay": 0.005, "thrust_lag": 0.1},
@@ -196,7 +199,11 @@ def _figure(name: str, common: Fit, alone: Sequence[Fit], pwm_max: float) -> Fig
     count = max(len(found), 1)
     spread = float(np.var(np.log(found) if relative else found, ddof=1)) if count > 1 else 0.0
     freedom = _WEIGHT + count - 1
-    pooled = math.sqrt((_WEIGHT * _USUAL[name] ** 2 + (count - 1) * spread) / freedom)
+    usual = _USUAL[name]
+    if name == "natural_frequency":
+        own = [_deviation(name, each, pwm_max) / estimate(name, each, pwm_max) for each in alone]
+        usual = math.hypot(usual, _TRADED * float(np.median(own)))
+    pooled = math.sqrt((_WEIGHT * usual**2 + (count - 1) * spread) / freedom)
     width = max(width, float(student.ppf(0.975, freedom)) * pooled * math.sqrt(1.0 + 1.0 / count))
     ends = (value * math.exp(-width), value * math.exp(width)) if relative else (value - width, value + width)
     least, most, _ = BOUNDS.get(name, (0.0, math.inf, 0.0))
