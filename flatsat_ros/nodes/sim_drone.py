@@ -36,6 +36,7 @@ from flatsat_ros.sim.dynamics import Wind
 from flatsat_ros.sim.firmware import Firmware
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.power import Battery
+from flatsat_ros.sim.proximity import STILL, Proximity
 from flatsat_ros.sim.sensor import MotionCapture
 from flatsat_ros.sim.state_machine import State
 
@@ -69,9 +70,11 @@ class SimDrone(ProgramNode):
         program: name of the node.
         robots: names of the drones.
         drones: where each is simulated.
+        proximity: ground effect and downwash by default.
     """
 
     program = "sim_drone"
+    proximity = STILL
 
     def __init__(self) -> None:
         """Read the parameters, switch the drones on, start simulated time."""
@@ -138,6 +141,7 @@ class SimDrone(ProgramNode):
             "wind": self._wind(),
             "capture": self._capture(),
             "battery": self._battery(),
+            "proximity": self._proximity(),
         }
         fleets = []
         for stream, kind in enumerate(dict.fromkeys(vehicles)):
@@ -164,6 +168,20 @@ class SimDrone(ProgramNode):
             dropout=declare(self, "drop_out", 0.0, "probability that a pose is lost", bounds=(0.0, 1.0)),
             latency=declare(
                 self, "pose_delay", 0.0, "from a pose's stamp to its publication", unit="s", bounds=(0.0, 10.0)
+            ),
+        )
+
+    def _proximity(self) -> Proximity:
+        strength, usual = (0.0, 100.0), self.proximity
+        push = "push on a drone right below another, over the other's lift, at no distance; 0: no downwash"
+        return Proximity(
+            ground_effect=declare(
+                self, "ground_effect", usual.ground_effect, "strength of the ground effect; 0: none", bounds=strength
+            ),
+            downwash=declare(self, "downwash", usual.downwash, push, bounds=strength),
+            reach=declare(self, "downwash_reach", usual.reach, "how far down it goes", unit="m", bounds=(0.21, 10.0)),
+            width=declare(
+                self, "downwash_width", usual.width, "how far aside it is half as strong", unit="m", bounds=(0.01, 10.0)
             ),
         )
 
@@ -207,6 +225,8 @@ class SimDrone(ProgramNode):
         self._epoch += elapsed - min(max(elapsed, 0), round(_CATCH_UP * messages.NANOSECONDS))
         time = (now - self._epoch) / messages.NANOSECONDS
         measured = []
+        if len(self._fleets) > 1:
+            self._introduce()
         for fleet, members in self._fleets:
             fleet.advance_to(time)
             for sample in fleet.measurements(time):
@@ -215,6 +235,13 @@ class SimDrone(ProgramNode):
         if len(self._fleets) > 1:
             measured.sort(key=lambda one: one.stamp)
         self.publish_measured(measured)
+
+    def _introduce(self) -> None:
+        """Tell each fleet where the drones of the others are, for the air that they push down."""
+        for fleet, _ in self._fleets:
+            others = [other for other, _ in self._fleets if other is not fleet]
+            where = np.concatenate([other.bodies.position for other in others])
+            fleet.neighbours = where, np.concatenate([other.lift for other in others])
 
     def publish_measured(self, measured: Sequence[Measured]) -> None:
         """Publish poses, in the order of their stamps."""

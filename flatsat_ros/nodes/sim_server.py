@@ -23,6 +23,7 @@ from flatsat_ros.nodes.ros.runtime import run
 from flatsat_ros.nodes.server_logging import ServerLogging
 from flatsat_ros.nodes.server_parameters import ServerParameters
 from flatsat_ros.nodes.sim_drone import Measured, SimDrone
+from flatsat_ros.sim.proximity import Proximity
 
 
 class _Together(NamedTuple):
@@ -41,6 +42,7 @@ class SimServer(SimDrone):
     """A SimDrone that offers besides what crazyswarm2's server offers, and what motion capture publishes."""
 
     program = "crazyflie_server"
+    proximity = Proximity()
 
     def declare_more(self, robots: Sequence[Robot], pose_rate: float) -> None:
         """Declare the parameters of crazyswarm2's server; offer logging, and the poses of all drones together."""

@@ -246,13 +246,14 @@ class Bodies:
         y, z = cr * y + sr * z, cr * z - sr * y
         return np.stack([x, y, z], axis=-1)
 
-    def step(self, thrust: FloatArray, angles: FloatArray, wind: FloatArray) -> None:
+    def step(self, thrust: FloatArray, angles: FloatArray, wind: FloatArray, push: FloatArray | None = None) -> None:
         """Advance by STEP.
 
         Args:
             thrust: (N,) commanded thrust, m/s^2.
             angles: (3, N) commanded roll, pitch, yaw, rad; NaN for an axis that nobody controls.
             wind: (3,) air velocity, world frame, m/s.
+            push: (N,) acceleration downward by the air of other drones, m/s^2; None: none.
         """
         place, attitude = self.position, self.attitude
         self.thrust = self._response.thrust(self.thrust, thrust)
@@ -260,6 +261,8 @@ class Bodies:
 
         u = np.array([self.thrust, *self.attitude[:2, :, 0]]).T
         driven = acceleration_from_finite(u, self.attitude[2, :, 0], GRAVITY) + self._response.drag * wind
+        if push is not None:
+            driven[:, 2] -= push
         self.position = self.position + self.velocity * self._f1 + driven * self._f2
         self.velocity = self.velocity * self._keep + driven * self._f1
         self.acceleration = driven - self._response.drag * self.velocity

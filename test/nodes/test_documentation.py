@@ -161,8 +161,12 @@ def test_every_parameter_is_documented_with_its_type_and_default(
     declared = {name: what for name, what in every.items() if not FIRMWARE_PARAMETER.fullmatch(name)}
     common = {name for name in declared if not name.startswith("robots.")}
     (table, *_) = tables(text)
-    if program == "sim_server":
-        table = tables(section(page, "## Parameters of `sim_drone`"))[0] + table
+    if program in ("sim_drone", "sim_server"):
+        table = tables(section(page, "### Ground effect and downwash"))[0] + table
+    if program == "sim_server":  # its own defaults go over those of sim_drone
+        own = {tuple(names(row[0])) for row in tables(text)[0]}
+        table += tables(section(page, "## Parameters of `sim_drone`"))[0]
+        table = [row for row in table if row in tables(text)[0] or tuple(names(row[0])) not in own]
     assert {name for row in table for name in names(row[0])} == common
     for name in {name.rpartition(".")[2] for name in declared} - common:
         assert f"`.{name}`" in text or f"`robots.<name>.{name}`" in text

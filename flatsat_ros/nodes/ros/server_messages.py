@@ -34,7 +34,7 @@ def rise_from_request(request: Any) -> dict[str, Any]:
 
 
 def way_from_request(request: Any) -> dict[str, Any]:
-    """Return the way that crazyflie_interfaces' GoTo asks for, as `SimulatedFleet.go_to` takes it.
+    """Return the way that crazyflie_interfaces' GoTo asks for, as `Uplink.go_to` takes it.
 
     The interface says that its yaw is in degrees; crazyswarm2's server hands it on as the firmware's radians, and its
     users' scripts count on that.
@@ -62,7 +62,7 @@ def trajectory_from_request(request: Any) -> tuple[int, int, list[Piece]]:
 
 
 def start_from_request(request: Any) -> dict[str, Any]:
-    """Return what crazyflie_interfaces' StartTrajectory asks for, as `SimulatedFleet.start_trajectory` takes it."""
+    """Return what crazyflie_interfaces' StartTrajectory asks for, as `Uplink.start_trajectory` takes it."""
     return {
         "trajectory": int(request.trajectory_id),
         "time_scale": float(request.timescale),
