@@ -36,7 +36,7 @@ class Fleet(Protocol):
         """Return the pose samples that arrived until a time, s; each is returned once."""
 
     def command(self, index: int, roll: float, pitch: float, yaw: float, thrust_pwm: float) -> None:
-        """Send a set-point to a drone, see `SimulatedFleet.command`."""
+        """Send a set-point to a drone, see `Uplink.command`."""
 
 
 def fly(

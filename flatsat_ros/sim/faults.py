@@ -94,7 +94,7 @@ class FaultyLink:
         return self._read([samples[number] for number in sorted(itertools.chain.from_iterable(kept))])
 
     def command(self, index: int, roll: float, pitch: float, yaw: float, thrust_pwm: float) -> None:
-        """Send a set-point, see `SimulatedFleet.command`."""
+        """Send a set-point, see `Uplink.command`."""
         setpoints: list[tuple[float, WireSetpoint]] = [(0.0, WireSetpoint(roll, pitch, yaw, thrust_pwm))]
         for fault in self.commands:
             setpoints = [
