@@ -134,6 +134,24 @@ class Pilot:
         """Return the reference of drone index while it flies, else None."""
         return self._parts.guidance.references.trajectory(index) if self.mode[index] == Mode.FLY else None
 
+    def destination(self, index: int) -> FloatArray | None:
+        """Return where drone index is led in the end, (3,) m; None if it is led nowhere."""
+        return self._parts.guidance.destination(index)
+
+    def call_off(self, index: int) -> None:
+        """Let drone index neither wait for its goal any longer nor take off for it."""
+        self.traffic.withdraw(index)
+        self._parts.supervisor.call_off(index)
+
+    def require_room(self, what: str, trajectory: Trajectory) -> None:
+        """Refuse a trajectory, called `what`, that leaves the box.
+
+        Raises:
+            FlatsatError: it does; the text names the side.
+        """
+        for corner in trajectory.bounds():
+            self._parts.guidance.require_inside(corner, what)
+
     def is_at_rest(self, index: int) -> bool:
         """Tell whether drone index flies and its reference stays where it is, and it is not landing."""
         resting = self._parts.guidance.references.at_rest[index] and not self._parts.guidance.landing[index]

@@ -207,6 +207,10 @@ class Traffic:
         self._admit(index, trajectory, {i for pair in there.proved if index in pair for i in pair})
         there.planned[index] = trajectory
 
+    def is_waiting(self, index: int) -> bool:
+        """Tell whether a goal of drone index waits until the way is clear."""
+        return index in self._waiting.goals
+
     def withdraw(self, index: int) -> None:
         """Let no goal of drone index wait any longer; landings and disarming do that by themselves."""
         self._waiting.withdraw(index)

@@ -28,6 +28,10 @@ _PER_TICK = 1
 _LEAD = 0.3
 # s, for which all must have been at their places, and for which they may take to get there
 _SETTLED, _PATIENCE = 0.5, 60.0
+# goals that were given up or refused are sent again after so long, s; those that differ by less, m, are the same
+_AGAIN, _SAME = 1.0, 1e-6
+# between two looks who is in its tube, s; outside it for so long, s, all stand still
+_LOOK_PERIOD, _OUTSIDE = 0.1, 0.5
 
 
 class Phase(Enum):
@@ -72,6 +76,8 @@ class Performance:
         self._references = {index: prepared.references[self._names[index]] for index in self._indices}
         self._tubes = {self._names.index(drone.name): drone.tube.radius for drone in plan.drones}
         self._change = prepared.change
+        for index, reference in self._references.items():
+            pilot.require_room(f"the reference of {self._names[index]}", reference)
         self._given: dict[int, Trajectory] = {}  # the references that are flown
         self._pending: list[int] = []  # who still has to get one
         self._make: Callable[[int], Trajectory] | None = None  # makes them
@@ -79,6 +85,9 @@ class Performance:
         self._origin = 0.0  # s of the clock, when it was 0, in flight
         self._until = -math.inf  # s, when what is done now has ended
         self._settled = math.inf  # s, since when all are at their places
+        self._sent = self._looked = -math.inf  # s, when drones were sent to their places, and looked at, last
+        self._refused: dict[int, str] = {}  # who could not be sent, and why
+        self._outside = math.inf  # s, since when a drone is outside its tube
         self._lands = False  # once all stand still
         self._reports: list[Report] = []
 
@@ -154,24 +163,40 @@ class Performance:
 
     def _gather(self, now: float) -> str:
         """Send all drones to where the plan stands."""
+        faults = []
         for index in self._indices:
             try:
                 self._pilot.require_ready(index)
                 if self._pilot.batteries.charges[index] in (Charge.LOW, Charge.EMPTY):
                     raise FlatsatError("its battery is low: it must be charged")
             except FlatsatError as error:
-                raise FlatsatError(f"{self._names[index]}: {error}") from error
-        away = [index for index in self._indices if not self._is_there(index)]
-        for index in away:
-            try:
-                self._pilot.set_goal(index, self._place(index), self._references[index].yaw)
-            except FlatsatError as error:
-                raise FlatsatError(f"{self._names[index]} cannot go to where the plan begins: {error}") from error
-        self.phase, self._until, self._settled = Phase.GATHERING, now + _PATIENCE, math.inf
+                faults.append(f"{self._names[index]}: {error}")
+        if faults:
+            raise FlatsatError("; ".join(faults))
+        self.phase, self._until, self._settled, self._sent = Phase.GATHERING, now + _PATIENCE, math.inf, -math.inf
         self._lands = False
+        away = [index for index in self._indices if not self._is_there(index)]
+        self._send(now, away)
         if not away:
             return f"all {len(self._indices)} drones are at their places and set out"
         return "first " + ", ".join(self._names[index] for index in away) + " go to their places; then all set out"
+
+    def _send(self, now: float, away: Sequence[int]) -> None:
+        """Send drones to where the plan stands, now and then: where one is refused, others may make room."""
+        if now - self._sent < _AGAIN:
+            return
+        self._sent, self._refused = now, {}
+        for index in away:
+            place, goal = self._place(index), self._pilot.destination(index)
+            flies = self._pilot.follows(index) is not None
+            if self._pilot.traffic.is_waiting(index):
+                continue
+            if flies and goal is not None and float(np.abs(goal - place).max()) < _SAME:
+                continue
+            try:
+                self._pilot.set_goal(index, place, self._references[index].yaw)
+            except FlatsatError as error:
+                self._refused[index] = str(error)
 
     def _place(self, index: int) -> np.ndarray:
         """Return where drone index stands by the plan now, (3,) m."""
@@ -192,9 +217,12 @@ class Performance:
         if now - self._settled >= _SETTLED:
             self._set_out(now)
         elif now >= self._until:
-            names = ", ".join(self._names[index] for index in missing)
-            self._tell(f"the plan does not begin: after {_PATIENCE:g} s {names} are not at their places; all hold")
+            reasons = (f"{self._names[i]} ({self._refused.get(i, 'not within its tube')})" for i in missing)
+            names = ", ".join(reasons)
+            self._tell(f"the plan does not begin: after {_PATIENCE:g} s not at their places: {names}; all hold")
             self.phase = Phase.ABORTED if self._progress == 0.0 else Phase.PAUSED
+        else:
+            self._send(now, missing)
 
     def _set_out(self, now: float) -> None:
         """Let all go on from where they stand, at one time."""
@@ -207,6 +235,7 @@ class Performance:
             origin = begin + self._change / 2.0 - progress
             self._make = lambda index: resumed(self._references[index], progress, begin, self._change)
         self._pilot.traffic.prove(self._kept())
+        self._outside = math.inf
         self._given.clear()
         self.phase, self._origin, self._until = Phase.FLYING, origin, origin + self.plan.duration
         self._tell(f"the plan is flown from {begin - now:.1f} s on: all set out together")
@@ -247,11 +276,27 @@ class Performance:
         """Let the others stand still if a drone does not follow the plan."""
         given = (index for index in self._indices if index not in self._pending)
         left = [index for index in given if self._pilot.follows(index) is not self._given.get(index)]
-        if not left or self.phase is not Phase.FLYING:
+        if self.phase is not Phase.FLYING:
             return
-        why = ", ".join(self._names[index] for index in left)
-        self._stop(now)
-        self._tell(f"{why} does not follow the plan any more: the others stand still in {self._until - now:.1f} s")
+        outside = [] if left or now - self._looked < _LOOK_PERIOD else self._who_is_outside(now)
+        if left:
+            why = ", ".join(self._names[index] for index in left)
+            self._stop(now)
+            self._tell(f"{why} does not follow the plan any more: the others stand still in {self._until - now:.1f} s")
+        elif outside and now - self._outside >= _OUTSIDE:
+            why = ", ".join(self._names[index] for index in outside)
+            self._stop(now)
+            self._tell(f"{why} is outside its tube: all stand still in {self._until - now:.1f} s", outside[0])
+
+    def _who_is_outside(self, now: float) -> list[int]:
+        """Return who is outside its tube, and note since when somebody is."""
+        self._looked, outside = now, []
+        for index, given in self._given.items():
+            apart = (self._pilot.places[index] - given.sample(now)[:3]) / (1.0, 1.0, self.plan.downwash)
+            if not float(np.linalg.norm(apart)) <= self._tubes[index]:
+                outside.append(index)
+        self._outside = min(self._outside, now) if outside else math.inf
+        return outside
 
     def _rest(self) -> None:
         if self._lands:
@@ -263,6 +308,7 @@ class Performance:
     def _land(self) -> None:
         self.phase, self._pending = Phase.ABORTED, []
         for index in self._indices:
+            self._pilot.call_off(index)
             if self._pilot.follows(index) is not None:
                 try:
                     self._pilot.land(index)

@@ -162,6 +162,45 @@ def test_a_plan_begins_only_with_drones_that_can_fly() -> None:
         lab.performance.resume(lab.now)
 
 
+def test_all_that_cannot_fly_are_named_and_nobody_is_sent() -> None:
+    lab = Lab()
+    lab.pilot.arm(0, False)
+    lab.pilot.arm(1, False)
+    with pytest.raises(FlatsatError, match=r"cf1: the drone is disarmed.*; cf2: the drone is disarmed"):
+        lab.performance.start(lab.now)
+    lab.fly(1.0)
+    assert not lab.pilot.mode.any()
+
+
+def test_a_place_that_is_taken_at_first_is_gone_to_later() -> None:
+    lab = Lab()
+    lab.pilot.set_goal(2, STARTS[1])
+    lab.fly(6.0)
+    lab.performance.start(lab.now)  # cf3 hovers where cf2 shall begin
+    lab.fly(3.0)
+    assert lab.performance.phase is Phase.GATHERING
+    lab.pilot.set_goal(2, [0.8, 2.0, 1.0])
+    lab.fly_until(Phase.FLYING)
+    lab.performance.abort(lab.now)
+
+
+def test_a_plan_that_is_aborted_while_its_drones_gather_leaves_them_on_the_ground() -> None:
+    lab = Lab()
+    lab.performance.start(lab.now)
+    lab.performance.abort(lab.now)
+    lab.fly(2.0)
+    assert lab.fleet.bodies.position[:, 2].max() < 0.01
+
+
+def test_all_stand_still_when_one_is_outside_its_tube() -> None:
+    lab = Lab(swap(tube=0.06))
+    lab.performance.start(lab.now)
+    lab.fly_until(Phase.FLYING)
+    lab.performance._tubes[1] = 0.0  # as if it were away from its reference
+    lab.fly_until(Phase.PAUSED, 8.0)
+    assert any("cf2 is outside its tube: all stand still" in text for text in lab.told)
+
+
 def test_plans_for_other_drones_or_limits_are_refused() -> None:
     lab = Lab()
     with pytest.raises(FlatsatError, match="drone = 'cf9': must be one of cf1, cf2, cf3"):
