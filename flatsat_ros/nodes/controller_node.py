@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import sys
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -22,7 +21,7 @@ from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, load_certificate
 from flatsat_ros.crazyflie.fit import require_fit
-from flatsat_ros.crazyflie.wire import Backend, WireSetpoint, YawMode, setpoint_from_command
+from flatsat_ros.crazyflie.wire import WireSetpoint, YawMode, setpoint_from_command
 from flatsat_ros.flight import telemetry
 from flatsat_ros.flight.clearance import Cause
 from flatsat_ros.flight.modes import AIRBORNE, Mode, Transition
@@ -30,8 +29,9 @@ from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.stamps import StampClock
 from flatsat_ros.flight.tick import Command, Tick
 from flatsat_ros.flight.trajectory import Trajectory
+from flatsat_ros.nodes.backends import Backends
 from flatsat_ros.nodes.batteries import follow_batteries
-from flatsat_ros.nodes.crazyswarm import SETTLING_TIME, DroneLink
+from flatsat_ros.nodes.crazyswarm import HAND_OVER_FORCE, SETTLING_TIME, DroneLink
 from flatsat_ros.nodes.flight_report import FlightLog, report_flight
 from flatsat_ros.nodes.flight_services import FlightServices
 from flatsat_ros.nodes.last_resort import LastResort
@@ -39,12 +39,12 @@ from flatsat_ros.nodes.markers import Markers
 from flatsat_ros.nodes.other_robots import declare_others, follow_others
 from flatsat_ros.nodes.plan_control import PlanControl, declare_plan
 from flatsat_ros.nodes.policy import declare_policy
+from flatsat_ros.nodes.pose_sources import PoseSources
 from flatsat_ros.nodes.rivals import Rivals
 from flatsat_ros.nodes.ros import cdr, interfaces, messages
 from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, Report
 from flatsat_ros.nodes.ros.parameters import (
     declare,
-    declare_choice,
     declare_robots,
     declare_vehicles,
     declare_yaw_mode,
@@ -56,8 +56,6 @@ from flatsat_ros.nodes.tuning import TuningParameters
 
 # how often services of the drones' links and rivals are looked for, s
 _LOOK_PERIOD = 1.0
-# of the poses of a drone that come between two ticks, so many are taken in, the newest
-_POSES_MAX = 100
 _BROKEN = "the control step failed, see the log; restart the controller"
 
 # how long the last commands may take to be acknowledged, s
@@ -79,7 +77,7 @@ class ControllerNode(ProgramNode):
         )
         self._certificate = load_certificate(certificate)
         self._vehicles = declare_vehicles(self, robots)
-        self._backend = declare_choice(self, "backend", Backend, "crazyswarm2 back end, gives the sign of the pitch")
+        self._backends = Backends(self, self.robots, self._flies)
         self._yaw_mode = declare_yaw_mode(self)
         for robot, vehicle in zip(self.robots, self._vehicles, strict=True):
             if self._certificate.limits.thrust_max > vehicle.thrust_max:
@@ -100,7 +98,10 @@ class ControllerNode(ProgramNode):
         self._takeoff_height = declare(
             self, "takeoff_height", 0.5, "how high the takeoff service sends a drone", unit="m", bounds=(0.05, 100.0)
         )
-        self._world = declare(self, "world_frame", "world", "frame_id of poses, goals and trajectories").encode()
+        world = declare(self, "world_frame", "world", "frame_id of poses, goals and trajectories")
+        self._world = world.encode()
+        self._sources = PoseSources(self, self.robots, world, self._flies)
+        declare(self, HAND_OVER_FORCE, False, "hand over although nobody is there to take over", changeable=True)
         others = declare_others(self, self.robots)
         plan = declare_plan(self)
         require_known_parameters(self)
@@ -117,7 +118,6 @@ class ControllerNode(ProgramNode):
         self._last_resort = LastResort(hover, keeps_yaw=self._yaw_mode is YawMode.ANGLE)
         self._broken = False  # the common step has failed
         self._log = FlightLog(self.get_logger())
-        self._poses: list[deque[bytes]] = [deque(maxlen=_POSES_MAX) for _ in range(count)]
         self._durations: list[float] = []
         self._last: Tick | None = None
         self._command = Twist()
@@ -188,12 +188,17 @@ class ControllerNode(ProgramNode):
         super().destroy_node()  # type: ignore[no-untyped-call]
 
     def _connect(self, index: int, robot: str) -> None:
-        pose, goal, trajectory = interfaces.POSE, interfaces.GOAL, interfaces.TRAJECTORY
-        command, report = interfaces.COMMAND, interfaces.TELEMETRY
-        for topic, take in ((pose, self._on_pose), (goal, self._on_goal), (trajectory, self._on_trajectory)):
+        goal, trajectory, command, report = (
+            interfaces.GOAL, interfaces.TRAJECTORY, interfaces.COMMAND, interfaces.TELEMETRY
+        )  # fmt: skip
+        for topic, take in ((goal, self._on_goal), (trajectory, self._on_trajectory)):
             self.create_subscription(topic.kind, topic.of(robot), partial(take, index), topic.subscribe, raw=True)
         self._command_publishers.append(self.create_publisher(command.kind, command.of(robot), command.publish))
         self._telemetry_publishers.append(self.create_publisher(report.kind, report.of(robot), report.publish))
+
+    def _flies(self, index: int) -> bool:
+        """Tell whether a drone is in the air."""
+        return self._pilot.mode[index] in AIRBORNE
 
     def _steer(self, act: Callable[..., str | None], index: int, *wanted: bool) -> str | None:
         """Do something with a drone that is steered; see `FlightServices`."""
@@ -214,7 +219,13 @@ class ControllerNode(ProgramNode):
         return f"{asked}; the thrust lock opens: let others fly the drone after {self._unlock_time:.2f} s"
 
     def _hand_over(self, index: int) -> None:
-        """Fall silent about a drone, and let it stay where it is if its link has a way to."""
+        """Fall silent about a drone, and let it stay where it is if its link has a way to.
+
+        Raises:
+            FlatsatError: nobody is there to take over.
+        """
+        if not self.get_parameter(HAND_OVER_FORCE).value:
+            self._links[index].require_successor()
         self._pilot.hand_over(index)
         self._links[index].release(in_flight=True)
 
@@ -227,19 +238,12 @@ class ControllerNode(ProgramNode):
         if self._last_resort.since[index] is not None:
             raise FlatsatError(_BROKEN)
 
-    def _on_pose(self, index: int, data: bytes) -> None:
-        cdr.require_short(data)
-        self._poses[index].append(data)
-
     def _take_poses(self) -> None:
         """Take in the poses since the last tick: one after the other they cost a fifth of what each does by itself."""
         for index, robot in enumerate(self.robots):
-            poses = self._poses[index]
-            while poses:
+            while self._sources.queues[index]:
                 with self.faults.contain(f"{robot}/pose"):
-                    data = poses.popleft()
-                    cdr.require_frame(data, self._world)
-                    stamp, position, quaternion = cdr.pose_from_cdr(data)
+                    stamp, position, quaternion = self._sources.take(index)
                     measured = self._stamps.measured(index, stamp)
                     self._pilot.measure(index, measured, position, quaternion, self._stamps.now)
 
@@ -275,9 +279,10 @@ class ControllerNode(ProgramNode):
             FlatsatError: it cannot, and what it followed before stays.
         """
         self._require_steered(index)
-        starts = self._pilot.mode[index] not in AIRBORNE
+        starts = not self._flies(index)
         if starts:
             self._rivals.look(index)
+            self._backends.look(index)
         self._pilot.set_reference(index, reference)
         if starts:
             self._rivals.starting.add(index)
@@ -290,7 +295,7 @@ class ControllerNode(ProgramNode):
             self._look_at_clock()
         if self._rivals.starting:
             with self.faults.contain("rivals"):
-                self._rivals.look_before_start(self._poses)
+                self._rivals.look_before_start(self._sources.queues)
         with self.faults.contain("plan"):
             for drone, text in self._plans.look(self._stamps.now):
                 self._log.report(self.robots[drone], text)
@@ -324,7 +329,7 @@ class ControllerNode(ProgramNode):
                 command = command_of(index)
                 if command is not None:
                     vehicle = self._vehicles[index]
-                    setpoint = setpoint_from_command(*command, vehicle, self._backend, self._yaw_mode)
+                    setpoint = setpoint_from_command(*command, vehicle, self._backends.of(index), self._yaw_mode)
                     self._publish(index, setpoint)
                     self._last_resort.note(index, setpoint)
                 return
@@ -359,6 +364,8 @@ class ControllerNode(ProgramNode):
             with self.faults.contain(f"{robot}/transition"):
                 self._log.transition(robot, transition)
                 self._rivals.follow(index, after)
+                if after is Mode.UNLOCK:
+                    self._backends.look(index)
                 if after is not Mode.IDLE:
                     link.reclaim()
                 elif before in (Mode.REST, Mode.UNLOCK):
@@ -371,6 +378,9 @@ class ControllerNode(ProgramNode):
         for index, robot in enumerate(self.robots):
             with self.faults.contain(f"{robot}/services"):
                 self._links[index].find_services(offered)
+                self._backends.look(index)
+        with self.faults.contain("pose sources"):
+            self._sources.look()
 
     def _newest(self) -> tuple[Tick, np.ndarray] | None:
         return None if self._last is None else (self._last, self._pilot.places)

@@ -13,6 +13,7 @@ from rclpy.client import Client
 from rclpy.task import Future
 from std_srvs.srv import SetBool
 
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.runtime import ProgramNode
 
@@ -20,6 +21,8 @@ _PACKAGE = "crazyflie_interfaces"
 # The last set-point may still be under way when the drone is told that none follows; were it the last to arrive, the
 # drone would wait for the next one. The firmware keeps a set-point for 0.5 s.
 SETTLING_TIME = 0.15  # s
+# the parameter with which a drone is handed over although nobody holds it
+HAND_OVER_FORCE = "hand_over_force"
 _HOLD_TIME = 1  # s, in which the high-level commander comes to rest
 
 
@@ -87,6 +90,20 @@ class DroneLink:
     def _report(self, future: Future) -> None:
         if refusal := messages.refusal_from_answer(future.result()):
             self._node.get_logger().error(f"{self._robot}: {refusal}")
+
+    def require_successor(self) -> None:
+        """Refuse to give a drone away in the air if its own commander cannot be told to hold it.
+
+        Raises:
+            FlatsatError: names the services that are missing.
+        """
+        missing = [suffix for suffix in (interfaces.NOTIFY, interfaces.GO_TO) if self._ready(suffix) is None]
+        if missing:
+            names = " and ".join(interfaces.drone_service_of(self._robot, suffix) for suffix in missing)
+            raise FlatsatError(
+                f"nobody is there to take over: there is no service {names}; if you command the drone within 0.5 s "
+                f"yourself, set parameter {HAND_OVER_FORCE} to true"
+            )
 
     def release(self, *, in_flight: bool) -> None:
         """Tell the drone, whose set-points have just ended, that none follows, and in flight to stay where it is.

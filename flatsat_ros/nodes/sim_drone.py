@@ -20,6 +20,7 @@ from std_srvs.srv import Trigger
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import refusal
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot
+from flatsat_ros.crazyflie.wire import Backend
 from flatsat_ros.nodes import crazyswarm
 from flatsat_ros.nodes.ros import interfaces, messages, server_messages
 from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, Report
@@ -71,10 +72,12 @@ class SimDrone(ProgramNode):
         robots: names of the drones.
         drones: where each is simulated.
         proximity: ground effect and downwash by default.
+        backend: whose set-points are taken.
     """
 
     program = "sim_drone"
     proximity = STILL
+    backend = Backend.CPP
 
     def __init__(self) -> None:
         """Read the parameters, switch the drones on, start simulated time."""
@@ -216,7 +219,8 @@ class SimDrone(ProgramNode):
         """Hand a set-point over as it is: NaN angles as well, which the firmware does not check either."""
         self._advance()
         _, fleet, number = self.drones[index]
-        fleet.command(number, *messages.command_from_message(message))
+        roll, pitch, yaw, thrust = messages.command_from_message(message)
+        fleet.command(number, roll, self.backend.pitch_sign * pitch, yaw, thrust)
 
     def _advance(self) -> None:
         """Bring the simulation up to the clock, as far as one step may, and publish the poses that are due."""

@@ -17,6 +17,8 @@ from geometry_msgs.msg import TransformStamped
 from rclpy.publisher import Publisher
 
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot
+from flatsat_ros.crazyflie.wire import Backend
+from flatsat_ros.nodes import crazyswarm
 from flatsat_ros.nodes.ros import interfaces, server_messages
 from flatsat_ros.nodes.ros.parameters import declare
 from flatsat_ros.nodes.ros.runtime import run
@@ -47,6 +49,8 @@ class SimServer(SimDrone):
     def declare_more(self, robots: Sequence[Robot], pose_rate: float) -> None:
         """Declare the parameters of crazyswarm2's server; offer logging, and the poses of all drones together."""
         rate = declare(self, "odom_rate", 0.0, "odometries per second; 0: none", unit="Hz", bounds=(0.0, 100.0))
+        # by what it offers the server of cflib is known, see `backends`
+        self.backend = Backend.CPP if crazyswarm.services() is None else Backend.CFLIB
         ServerParameters(self, robots, self.drones)
         logging = ServerLogging(self, self.drones)
         for drone in self.drones if rate > 0.0 else ():

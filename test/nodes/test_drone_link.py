@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from std_srvs.srv import SetBool
 
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.nodes import crazyswarm
 from flatsat_ros.nodes.crazyswarm import DroneLink
 from flatsat_ros.nodes.ros.faults import Faults
@@ -200,3 +201,10 @@ def test_an_answer_that_cannot_be_read_is_said_and_ends_there(node: Node) -> Non
     node.let_pass()
     assert node.faults.counts == {"/cf1/arm": 1}
     assert "AttributeError" in node.said[0]
+
+
+def test_nobody_to_take_over_is_said_beforehand(node: Node) -> None:
+    link(node).require_successor()
+    without = {name: kinds for name, kinds in OFFERED.items() if not name.endswith("go_to")}
+    with pytest.raises(FlatsatError, match=r"nobody is there to take over: there is no service cf1/go_to; if you"):
+        link(node, without).require_successor()

@@ -110,7 +110,8 @@ def test_bad_values_are_refused_with_a_reason_and_change_nothing(lab: Lab, colum
         ({"gamma_max": 50.0}, "must be at most the certificate's"),
         ({"certificate": "paper_simulatoin"}, "paper_simulation"),
         ({"vehicle": "cf2x_2025"}, "lifts"),
-        ({"backend": "rust"}, "cpp, cflib"),
+        ({"backend": "rust"}, "auto, cpp, cflib"),
+        ({"pose_source": "vicon"}, "auto, pose, poses, tf, odom"),
     ],
 )
 def test_bad_values_at_start_are_refused_in_one_line(lab: Lab, parameters: dict[str, Any], reason: str) -> None:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 # of every rclpy node
 COMMON = {"use_sim_time", "start_type_description_service"}
-CHANGEABLE = {"plan", "mu", "v_inf", "gamma_0", "gamma_max", "nu", "restart_gain"}
+CHANGEABLE = {"plan", "mu", "v_inf", "gamma_0", "gamma_max", "nu", "restart_gain", "hand_over_force"}
 
 
 @pytest.mark.parametrize(

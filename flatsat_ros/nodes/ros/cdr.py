@@ -100,7 +100,17 @@ def require_frame(data: bytes, world: bytes) -> None:
     """
     frame = frame_from_cdr(data)
     if frame and frame != world:
-        raise refusal("frame_id", frame.decode(errors="replace"), "", f"{world.decode()!r} or empty")
+        require_world(frame.decode(errors="replace"), world.decode())
+
+
+def require_world(frame: str, world: str) -> None:
+    """Refuse a frame_id that is neither the world's nor empty.
+
+    Raises:
+        FlatsatError: names the frame and the world's.
+    """
+    if frame not in ("", world):
+        raise refusal("frame_id", frame, "", f"{world!r} or empty")
 
 
 def require_short(data: bytes) -> None:

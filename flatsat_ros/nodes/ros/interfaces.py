@@ -77,6 +77,8 @@ def setpoint_topic(suffix: str, kind: type[Any]) -> Topic:
 # what crazyswarm2's server and motion capture publish of all drones together, where its types are installed
 NAMED_POSES, TF = "/poses", "/tf"
 TF_QOS = _reliable(100)
+# as little as any of their senders offers
+NAMED_POSES_SUBSCRIBE, TF_SUBSCRIBE = _best_effort(1), _best_effort(100)
 ODOMETRY = Topic("odom", Odometry, _reliable(10), _best_effort(10))
 # of a log block that a script asked for
 LOG_BLOCK = _reliable(10)

@@ -9,13 +9,14 @@ for names of message fields.
 from __future__ import annotations
 
 import array
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, PoseStamped, Quaternion, Transform, Twist, Vector3
+from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
@@ -109,6 +110,51 @@ def pose_from_message(message: PoseStamped) -> tuple[int, tuple[float, ...], tup
     """Return stamp (ns), position (3,), m, and quaternion (4,), x, y, z, w, of a pose message."""
     p, q = message.pose.position, message.pose.orientation
     return nanoseconds_from_stamp(message.header.stamp), (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
+
+
+class Body(NamedTuple):
+    """One body in a message about several.
+
+    Attributes:
+        name: of the body.
+        frame: in which it is seen.
+        stamp: ns.
+        position: (3,) m.
+        quaternion: (4,) x, y, z, w, body -> frame.
+    """
+
+    name: str
+    frame: str
+    stamp: int
+    position: tuple[float, ...]
+    quaternion: tuple[float, ...]
+
+
+def named_poses_from_message(message: Any) -> Iterator[Body]:
+    """Return the bodies of motion_capture_tracking_interfaces' NamedPoseArray."""
+    header = message.header
+    stamp, frame = nanoseconds_from_stamp(header.stamp), str(header.frame_id)
+    for entry in message.poses:
+        p, q = entry.pose.position, entry.pose.orientation
+        yield Body(str(entry.name), frame, stamp, (p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
+
+
+def transforms_from_message(message: Any) -> Iterator[Body]:
+    """Return the bodies of tf2_msgs' TFMessage: its frames, each seen in its parent's."""
+    for entry in message.transforms:
+        header, p, q = entry.header, entry.transform.translation, entry.transform.rotation
+        stamp = nanoseconds_from_stamp(header.stamp)
+        yield Body(str(entry.child_frame_id), str(header.frame_id), stamp, (p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
+
+
+def odometry_from_message(message: Odometry) -> tuple[str, int, tuple[float, ...], tuple[float, ...]]:
+    """Return frame, stamp (ns), position (3,), m, and quaternion (4,), x, y, z, w, of nav_msgs' Odometry.
+
+    Its twist is left alone: crazyswarm2's back ends do not agree on it.
+    """
+    header, pose = message.header, message.pose.pose
+    p, q = pose.position, pose.orientation
+    return str(header.frame_id), nanoseconds_from_stamp(header.stamp), (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
 
 
 def text_message(text: str) -> String:

@@ -129,7 +129,7 @@ class _Attacked:
         node._parameters = dict(self._parameters)
         room._ticks, node._broken, self._refused = self._ticks, False, 0
         node._durations.clear()
-        for queue, wire in zip(node._poses, self._wires, strict=True):
+        for queue, wire in zip(node._sources.queues, self._wires, strict=True):
             queue.clear()
             wire.count = 0
         start = self.room._steady()
