@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import rclpy
 import yaml
+from geometry_msgs.msg import PoseStamped
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.identification.recording import COLUMNS
 from flatsat_ros.nodes.cflib_bridge import CflibBridge
 from flatsat_ros.nodes.controller_node import ControllerNode
 from flatsat_ros.nodes.mocap_player import MocapPlayer
+from flatsat_ros.nodes.ros import messages
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 from flatsat_ros.nodes.sim_drone import SimDrone
 
@@ -129,7 +136,36 @@ def dumped(node: ProgramNode) -> str:
         for folder in folders:
             place = place.setdefault(folder, {})
         place[last] = parameter_value_to_python(parameter.get_parameter_value())
-    return yaml.dump({f"/{node.get_name()}": {"ros__parameters": nested}}, default_flow_style=False)
+    return yaml.dump({node.get_fully_qualified_name(): {"ros__parameters": nested}}, default_flow_style=False)
+
+
+def test_a_lab_may_name_everything_as_it_likes(started: Callable[..., Any], tmp_path: Path) -> None:
+    names = [f"CF_{number}" for number in range(1, 26)]
+    named = ["-r", "__ns:=/Lab", "-r", "__node:=mine", "-r", "CF_1/pose:=/vicon/Drone_1/pose"]
+    parameters = ["-p", f"robot_names:=[{', '.join(names)}]", "-p", "certificate:=paper_experiment"]
+    node = started(ControllerNode, ["program", "--ros-args", *named, *parameters])
+    heard, said = ({end.topic_name for end in ends} for ends in (node.subscriptions, node.publishers))
+    assert {"/vicon/Drone_1/pose", "/Lab/CF_25/pose", "/Lab/CF_1/goal_pose"} <= heard
+    assert {f"/Lab/{name}/cmd_vel_legacy" for name in names} <= said
+    assert "/Lab/CF_25/flatsat/takeoff" in {service.service_name for service in node.services}
+    # motion capture that promises nothing
+    unreliable = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    capture = Node("capture", use_global_arguments=False)
+    poses = capture.create_publisher(PoseStamped, "/vicon/Drone_1/pose", unreliable)
+    executor, pose = SingleThreadedExecutor(), messages.pose_message()
+    executor.add_node(node)
+    end = time.monotonic() + 20.0
+    while node._last is None or node._pilot.estimator.newest[0] == -np.inf:
+        messages.fill_pose(pose, capture.get_clock().now().nanoseconds, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        poses.publish(pose)
+        executor.spin_once(timeout_sec=0.02)
+        assert time.monotonic() < end
+    executor.shutdown()
+    capture.destroy_node()
+    file = tmp_path / "dump.yaml"
+    file.write_text(dumped(node), encoding="utf-8")
+    again = started(ControllerNode, ["program", "--ros-args", *named, "--params-file", str(file)])
+    assert again.robots == names
 
 
 @pytest.mark.parametrize("make", [ControllerNode, SimDrone, MocapPlayer])
@@ -189,7 +225,8 @@ def test_a_person_who_is_tracked_beside_the_drones_is_not_flown(started: Callabl
         "robots: {cf1: {type: cf21}, visitor: {type: marker}}\nrobot_types: {cf21: {}, marker: {connection: none}}\n",
         encoding="utf-8",
     )
-    assert started(ControllerNode, given(crazyflies_yaml=file)).robots == ["cf1"]
+    node = started(ControllerNode, given(crazyflies_yaml=file, certificate="paper_experiment"))
+    assert node.robots == ["cf1"]
 
 
 def test_a_recording_is_known_by_its_ending_in_any_letters(started: Callable[..., Any], tmp_path: Path) -> None:
