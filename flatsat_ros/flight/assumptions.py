@@ -29,8 +29,8 @@ _FORGOTTEN = 0.05
 _OUTSIDE = 0.5
 # a reference that moves on by another way than its velocity, m, or velocity than its acceleration, m/s, has jumped
 _JUMP, _JUMP_VELOCITY = 1e-3, 1e-2
-# the same assumption is told again after so long, s
-_SILENCE = 5.0
+# what is broken again is told again once it has held for so long, s
+_SILENCE = 1.0
 # a pose so far, m, from where the model expects it is not the model's: its estimate begins anew
 _LOST = 0.15
 _ROUNDING = 1e-9

@@ -42,14 +42,17 @@ class Steering:
             gain[list(drones)] = self._controller.tuning.gain_initial[list(drones)]
             self.memory = Memory(gain)
 
-    def step(self, state: FloatArray, yaw: FloatArray, base: FloatArray, flying: np.ndarray) -> Output:
-        """Step the law; a new reference that is far restarts the gain first, and only drones in FLY adapt theirs.
+    def step(
+        self, state: FloatArray, yaw: FloatArray, base: FloatArray, flying: np.ndarray, adapting: np.ndarray
+    ) -> Output:
+        """Step the law; a new reference that is far restarts the gain first, and not all drones adapt theirs.
 
         Args:
             state: (N, 6) m, m/s.
             yaw: (N,) rad.
             base: (N, 9) reference, its acceleration without the disturbance that is compensated.
             flying: (N,) who is steered.
+            adapting: (N,) who adapts its gain: of those none whose thrust is not known, which no gain makes up for.
         """
         tuning = self._controller.tuning
         memory, output = self._controller.step(self.memory, state, yaw, base)
@@ -59,7 +62,7 @@ class Steering:
                 self.memory = Memory(np.where(anew, tuning.gain_initial, self.memory.gain))
                 memory, output = self._controller.step(self.memory, state, yaw, base)
             self._restarts &= ~flying
-        self.memory = Memory(np.where(flying, memory.gain, self.memory.gain))
+        self.memory = Memory(np.where(adapting, memory.gain, self.memory.gain))
         return output
 
     def _spread(self, tuning: Tuning) -> Tuning:

@@ -97,7 +97,9 @@ class ControlStep:
                 guidance.land(index, now)
                 self.reports.append(Report(index, f"{text}: it brakes and lands"))
         aim = parts.loop.aim(now, estimated, reference, flying)
-        output = parts.steering.step(aim.state, estimator.yaw, aim.base, flying)
+        hurried = senses.thrust.hurried
+        adapting = flying if hurried is None else flying & ~hurried
+        output = parts.steering.step(aim.state, estimator.yaw, aim.base, flying, adapting)
         level = (mode == _LEVEL) | (mode == _DESCEND)
         turned, kept = flying, level
         unseen = parts.orientations.unseen(now)
@@ -118,15 +120,17 @@ class ControlStep:
             for index in senses.at_limit(now, aim.base, estimate, aim.error, guidance.landing):
                 if flying[index]:
                     guidance.land(index, now, state[index, :3])
+        # on the ground nothing is claimed, before a flight and at its end
+        claimed = flying & ~senses.grounded & ~guidance.landing
         for index in parts.loop.astray():
-            if free[index] and not guidance.landing[index]:
+            if claimed[index]:
                 guidance.land(index, now)
-                self.reports.append(Report(index, "it is where it cannot be if nothing is broken: it brakes and lands"))
+                self.reports.append(Report(index, f"{parts.loop.unclaimed(index)}: it brakes and lands"))
         self._full = command[:, 0] >= _FULL * self._certificate.limits.thrust_max
         changing = bool(transitions) or senses.looked
         aloft = level | (flying & ~senses.grounded) if changing else None
         estimator.command(now, acceleration, free, aloft)
-        told = senses.reports() + estimator.complaints() + parts.loop.reports(free)
+        told = senses.reports() + estimator.complaints() + parts.loop.reports(claimed)
         reports, self.reports = self.reports + [Report(*entry) for entry in told], []
         return Tick(
             mode=mode.copy(),

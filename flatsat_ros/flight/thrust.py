@@ -81,6 +81,11 @@ class ThrustScale:
         self.scale = self.scale.copy()
         self.scale[index], self._learnt[index] = self._first, 0.0
 
+    @property
+    def hurried(self) -> np.ndarray | None:
+        """(N,) whose scale is still learnt faster than later; None if none ever is."""
+        return self._learnt < _QUICK_TIME if self._quick and self._error_max > 0.0 else None
+
     def is_settled(self, index: int) -> bool:
         """Tell whether the thrust of drone index was seen for long enough to be relied on."""
         return bool(self._learnt[index] >= _SETTLED_TIME)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -10,15 +10,18 @@ import pytest
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.certificate import Certificate, load_certificate
 from flatsat_ros.crazyflie.vehicle import load_vehicle
+from flatsat_ros.crazyflie.wire import YawMode
 from flatsat_ros.flight import telemetry
+from flatsat_ros.flight.assumptions import Assumption
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.pilot import Pilot
-from flatsat_ros.flight.policy import Policy
+from flatsat_ros.flight.policy import GoalMode, Policy
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.closed_loop import fly
+from flatsat_ros.sim.dynamics import Wind
 from flatsat_ros.sim.fleet import SimulatedFleet
-from flatsat_ros.sim.sensor import MotionCapture
+from flatsat_ros.sim.sensor import MotionCapture, Sample
 
 VEHICLE = load_vehicle("cf21")
 POLICY = Policy(disturbance_max=0.8, thrust_error_max=0.25, drag=VEHICLE.dynamics.drag_z)
@@ -48,19 +51,57 @@ class Flown:
 class Room:
     """A simulated drone that hovers at 1 m, and its pilot."""
 
-    def __init__(self, certificate: Certificate, policy: Policy = POLICY, delay: float = 0.01, mu: float = 2.0) -> None:
+    def __init__(
+        self,
+        certificate: Certificate,
+        policy: Policy = POLICY,
+        delay: float = 0.028,
+        mu: float = 2.0,
+        wind: Wind | None = None,
+    ) -> None:
         self.fleet = SimulatedFleet(
-            VEHICLE, 1, start=[[0.0, 0.0, 1.0]], flying=True, capture=MotionCapture(noise=5e-4), command_delay=delay
+            VEHICLE,
+            1,
+            start=[[0.0, 0.0, 1.0]],
+            flying=True,
+            capture=MotionCapture(noise=5e-4),
+            command_delay=delay,
+            wind=wind,
         )
         self.pilot = Pilot(certificate, Tuning(mu, 0.05, 1.0, certificate.gain_max), policy, 1)
+        self.frozen = np.inf  # since when motion capture repeats itself, s
         self.times: list[float] = []
         self.rows: list[FloatArray] = []
         self.error: list[FloatArray] = []
         self.ticks: list[Tick] = []
         self.next = 0.0
+        self.fly(0.4)
+        self.pilot.set_goal(0, [0.0, 0.0, 1.0])
+
+    @property
+    def count(self) -> int:
+        return self.fleet.count
+
+    @property
+    def yaw_mode(self) -> YawMode:
+        return self.fleet.yaw_mode
+
+    def advance_to(self, time: float) -> None:
+        self.fleet.advance_to(time)
+
+    def command(self, index: int, roll: float, pitch: float, yaw: float, thrust_pwm: float) -> None:
+        self.fleet.command(index, roll, pitch, yaw, thrust_pwm)
+
+    def measurements(self, time: float) -> list[Sample]:
+        """The poses, all at the place of the last good one once they are frozen."""
+        samples = self.fleet.measurements(time)
+        for sample in samples:
+            if sample.stamp < self.frozen:
+                self._place = sample.position
+        return [sample._replace(position=self._place + 1e-5 * np.sin(1e3 * sample.stamp)) for sample in samples]
 
     def fly(self, until: float) -> Flown:
-        self.next = fly(self.pilot, self.fleet, VEHICLE, until, self._note, start=self.next)
+        self.next = fly(self.pilot, self, VEHICLE, until, self._note, start=self.next)
         return Flown(np.array(self.times), np.array(self.rows), np.array(self.error), self.ticks)
 
     def _note(self, now: float, samples: object, tick: Tick, sent: object) -> None:
@@ -74,20 +115,116 @@ class Room:
 def calm(certificate: Certificate) -> Flown:
     """A goal, another one, and a landing in still air."""
     room = Room(certificate)
-    room.fly(0.5)
-    room.pilot.set_goal(0, [0.0, 0.0, 1.0])
-    room.fly(6.0)
+    room.fly(3.0)
     room.pilot.set_goal(0, [0.8, 0.3, 1.2])
-    return room.fly(16.0)
+    return room.fly(11.0)
 
 
 def test_on_the_way_to_a_goal_the_drone_is_in_its_tube_and_the_tube_is_claimed(
     calm: Flown, certificate: Certificate
 ) -> None:
     late = calm.from_on(3.0)
-    assert late.sum() > 600
+    assert late.sum() > 390
     assert certificate.flight is not None
     assert np.hypot(*calm.error[late, :2].T).max() < certificate.flight.horizontal.tube.position
     assert np.abs(calm.error[late, 2]).max() < certificate.flight.vertical.tube.position
     assert calm.column("guaranteed")[late].mean() >= 0.95
     assert (calm.column("tube")[late] == certificate.flight.horizontal.tube.position).all()
+
+
+def since_when(flown: Flown, begin: float) -> float:
+    """How long after a time the guarantee was last claimed, s."""
+    claimed = flown.times[(flown.times >= begin) & (flown.column("guaranteed") == 1.0)]
+    return float(claimed[-1]) - begin if claimed.size else 0.0
+
+
+def test_wind_ends_the_claim_and_is_named(certificate: Certificate) -> None:
+    room = Room(certificate)
+    assert room.fly(3.0).column("guaranteed")[-1] == 1.0
+    room.fleet.wind = Wind(mean=(3.0, 0.0, 0.0))
+    flown = room.fly(6.0)
+    assert since_when(flown, 3.0) < 2.0
+    assert flown.column("assumption")[-1] == Assumption.DISTURBANCE
+    assert any("it is disturbed" in report.text for tick in flown.ticks for report in tick.reports)
+    assert "it is disturbed" in room.pilot.unclaimed(0)
+
+
+def test_poses_that_stand_still_while_the_drone_is_to_move_end_the_claim(certificate: Certificate) -> None:
+    room = Room(certificate)
+    room.fly(3.0)
+    room.pilot.set_goal(0, [1.0, 0.0, 1.0])
+    room.fly(5.0)
+    room.frozen = 5.0
+    flown = room.fly(7.5)
+    assert flown.column("guaranteed")[flown.times <= 5.0][-1] == 1.0
+    assert since_when(flown, 5.0) < 2.0
+
+
+def test_lost_poses_end_the_claim(certificate: Certificate) -> None:
+    assert certificate.flight is not None
+    room = Room(certificate)
+    room.fly(3.0)
+    room.frozen = -np.inf
+    room.measurements = lambda time: []  # type: ignore[method-assign]
+    flown = room.fly(3.25)
+    assert flown.column("assumption")[-1] == Assumption.POSE_AGE
+    assert since_when(flown, 3.0) <= certificate.flight.pose_age + certificate.period
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.028, 0.06])
+def test_at_rest_the_commands_are_quiet_whatever_the_link(delay: float, certificate: Certificate) -> None:
+    flown = Room(certificate, delay=delay, mu=5.0).fly(7.0)
+    late = flown.from_on(4.0)
+    assert late.sum() > 100
+    for name in ("phi", "theta"):
+        assert np.degrees(np.ptp(flown.column(name)[late])) < 4.0
+    assert np.abs(flown.error[late]).max() < 0.01
+
+
+STEPS = replace(POLICY, goal_mode=GoalMode.STEP, thrust_error_max=0.0)
+
+
+def test_the_gain_still_shortens_the_way_to_a_set_point(certificate: Certificate) -> None:
+    times, claimed = [], []
+    for mu in (0.0, 2.0):
+        room = Room(certificate, STEPS, mu=mu)
+        room.fly(2.0)
+        room.pilot.set_goal(0, [1.05, 1.04, 1.85])
+        flown = room.fly(5.0)
+        far = np.linalg.norm(flown.error, axis=1) > 0.05
+        times.append(float(flown.times[np.flatnonzero(far)[-1]]) - 2.0)
+        claimed.append(flown.column("guaranteed")[(flown.times > 2.0) & far].any())
+        assert (flown.column("assumption")[flown.times == 2.0] == Assumption.REFERENCE).all()
+    assert times[1] < 0.85 * times[0]
+    assert not any(claimed)
+
+
+def test_what_is_not_compensated_raises_the_gain_and_that_shrinks_the_error(certificate: Certificate) -> None:
+    wind = Wind(mean=(2.0, 0.0, 0.0))
+    errors = {}
+    for mu in (0.0, 2.0):
+        for most in (0.0, 0.8):
+            flown = Room(certificate, replace(STEPS, disturbance_max=most), mu=mu, wind=wind).fly(5.0)
+            late = flown.from_on(4.5)
+            errors[mu, most] = float(np.linalg.norm(flown.error[late], axis=1).mean())
+            assert (flown.column("gamma")[-1] > 1.5) == (mu > 0.0)
+    for most in (0.0, 0.8):
+        assert errors[2.0, most] < 0.6 * errors[0.0, most]
+
+
+def test_whoever_is_outside_although_all_seems_as_assumed_brakes_and_lands(certificate: Certificate) -> None:
+    assert certificate.flight is not None
+    axis = certificate.flight.horizontal
+    narrow = replace(axis, tube=replace(axis.tube, position=1e-4), back=replace(axis.back, rate=10.0))
+    wrong = replace(certificate, flight=replace(certificate.flight, horizontal=narrow))
+    room = Room(wrong)
+    room.fly(3.0)
+    room.pilot.set_goal(0, [1.0, 0.0, 1.0])
+    flown = room.fly(9.0)
+    assert Assumption.TUBE in flown.column("assumption")
+    told = [report.text for tick in flown.ticks for report in tick.reports]
+    assert any(
+        "it is outside its tube although all seems to be as assumed" in text and "it brakes and lands" in text
+        for text in told
+    )
+    assert room.fleet.poses()[0][0, 2] < 0.9
