@@ -41,6 +41,23 @@ PUSHED = 50  # samples before the start, from which the push that goes on is tak
 CALIBRATION = 6.0  # s of flight from which each model gets thrust and frame
 
 
+# drone-models 0.1.0 (MIT), so_rpy_rotor and so_rpy_rotor_drag of cf2x_L250: without a delay, with a first-order thrust
+# and rpy'' = -245.67 rpy - 17.32 rpy' + 196.18 command. Its own quaternion rate is for w, x, y, z and its quaternions
+# are x, y, z, w: here the angles are integrated.
+ROTOR = Figures(
+    attitude_gain=196.18 / 245.67,
+    natural_frequency=math.sqrt(245.67),
+    damping=17.32 / 2.0 / math.sqrt(245.67),
+    velocity_tilt=0.0,
+    thrust_slope=1.0,
+    thrust_lag=0.0858607,
+    drag_xy=0.0,
+    drag_z=0.0,
+    delay=0.0,
+)
+ROTOR_DRAG = dataclasses.replace(ROTOR, thrust_lag=0.12116392, drag_xy=0.01471782 / 0.0319, drag_z=0.01277641 / 0.0319)
+
+
 def usable(folder: Path) -> Iterator[Samples]:
     """Yield the flights of a folder that can be used, each once; say why others cannot."""
     seen = set()
@@ -165,6 +182,10 @@ def prediction(flights: Sequence[tuple[Samples, Figures]], base: VehicleProfile)
         at = starts(samples)
         shipped = dataclasses.replace(figures_of(base), delay=0.03)
         models = {
+            "drone-models' rotor, thrust and frame calibrated": predicted(samples, ROTOR, at, pushed=False),
+            "drone-models' rotor, also with the push": predicted(samples, ROTOR, at),
+            "drone-models' rotor with drag, calibrated": predicted(samples, ROTOR_DRAG, at, pushed=False),
+            "drone-models' rotor with drag, with the push": predicted(samples, ROTOR_DRAG, at),
             f"{base.name}, thrust and frame calibrated": predicted(samples, shipped, at, pushed=False),
             f"{base.name}, also with the push of the past 0.5 s": predicted(samples, shipped, at),
             "identified, thrust and frame calibrated": predicted(samples, figures, at, pushed=False),
