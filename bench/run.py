@@ -1,4 +1,4 @@
-"""`make bench`: the law against solvers, the controller process against bare echo nodes, offset-free flight.
+"""`make bench`: the law against solvers, the controller process against bare echo nodes, offset-free flight, tubes.
 
 Exit code 0 when all answers agree and every process did its work; targets are reported, not enforced.
 """
@@ -22,6 +22,7 @@ os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 101)
 import law
 import numpy as np
 import processes
+import swap
 import tick
 from report import Quartiles, Target, quartiles, table
 from tqdm import tqdm
@@ -57,6 +58,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             "law": _compare_law(load_certificate(_CERTIFICATE), targets),
             "processes": _compare_processes(folder, targets),
             "offset_free": _compare_offsets(targets),
+            "swap": _compare_swaps(targets),
         }
     except FlatsatError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -171,6 +173,27 @@ def _compare_offsets(targets: list[Target]) -> dict[str, Any]:
             targets.append(Target(f"{what}, m: {name}", most, Quartiles(value, value, value)))
     print("Three drones at 50 Hz, mu = 2: steady error of the hover and RMS error of the swap, the worst drone, cm")
     print(table(["", *(f"hover, {key}" for key in policies), *(f"swap, {key}" for key in policies)], rows))
+    return results
+
+
+def _compare_swaps(targets: list[Target]) -> dict[str, Any]:
+    """Fly the swap with and without a flight section; the flights are the same in every run."""
+    rows, results = [], {}
+    for name, air in swap.AIR.items():
+        before, now = swap.swaps(air)
+        for certificate, flown in ((swap.PRESENT, before), (swap.DEFAULT_CERTIFICATE, now)):
+            lengths = [flown.rms, *flown.furthest, *flown.tube]
+            rows.append([f"{name}, {certificate}", *(f"{100.0 * length:.2f}" for length in lengths),
+                         f"{flown.guaranteed:.0%}"])  # fmt: skip
+        results[name] = {"before": before._asdict(), "now": now._asdict()}
+        for what, most, value in (
+            ("RMS of the swap over that without a flight section", swap.RATIO_TARGET, now.rms / before.rms),
+            ("horizontal error over the tube", 1.0, now.furthest[0] / now.tube[0]),
+            ("vertical error over the tube", 1.0, now.furthest[1] / now.tube[1]),
+        ):
+            targets.append(Target(f"{what}: {name}", most, Quartiles(value, value, value)))
+    print("\nSwap of three drones at 50 Hz, the worst drone, cm: RMS, largest errors, tubes; share guaranteed")
+    print(table(["", "RMS", "largest", "vertical", "tube", "vertical", "guaranteed"], rows))
     return results
 
 

@@ -103,7 +103,7 @@ def plan(
     certificate, path = _certificate_of(folder, rate) if paper else _default_certificate()
     ring = _ring(count)
     legs = math.ceil(seconds / LEG_TIME - 1e-9)
-    swaps = [swap_between(ring, i, legs) if paper else _gentle_swap(certificate, ring, i, legs) for i in range(count)]
+    swaps = [swap_between(ring, i, legs) if paper else gentle_swap(certificate, ring, i, legs) for i in range(count)]
     for swap in swaps:
         swap.require_margin(certificate.limits)
     gathering = ring[:count]
@@ -146,7 +146,7 @@ def _certificate_of(folder: Path, rate: float | None) -> tuple[Certificate, Path
     return certificate, path
 
 
-def _gentle_swap(certificate: Certificate, places: FloatArray, index: int, legs: int) -> Trajectory:
+def gentle_swap(certificate: Certificate, places: FloatArray, index: int, legs: int) -> Trajectory:
     """Return the reference as `swap_between` does, as slow as the certificate's flight section wants it."""
     from flatsat_ros.planning.spline import gentle_spline_through
 
