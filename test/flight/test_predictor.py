@@ -13,6 +13,7 @@ from flatsat_ros.flight.predictor import Predictor
 from flatsat_ros.flight.preview import Preview
 from flatsat_ros.flight.references import References
 from flatsat_ros.flight.trajectory import Trajectory
+from flatsat_ros.planning.spline import gentle_spline_through
 
 PERIOD = 0.02
 COUNT = 2
@@ -208,3 +209,53 @@ def test_a_pose_that_stays_the_newest_is_used_until_it_is_too_old() -> None:
     # each time less what was corrected before
     np.testing.assert_allclose(seen, [0.01, 0.64 * 0.01, 0.64**2 * 0.01, 0.0, 0.0], atol=1e-15)
     assert predictor.age[0] == pytest.approx(0.08)
+
+
+def test_velocities_are_better_than_finite_differences() -> None:
+    # 120 Hz, three axes of the swap, one drone for each noise; of differences over any time the best
+    h, noises = 1.0 / 120.0, np.array([3e-4, 5e-4, 1e-3])
+    plant, model = Plant(0.024, 0.155, drag=0.42), Plant(0.028, 0.141, drag=0.456)
+    design = Design.predicting(h, model, (0.185, 2.25, 10.0), 22.7, 12.45)
+    path = gentle_spline_through([[0.0, -0.6, 1.0], [0.6, 0.6, 1.0], [-0.6, 0.6, 1.0], [0.0, -0.6, 1.0]], 4.4)
+    count, random = len(noises), np.random.default_rng(5)
+    references = References(count, 1.0)
+    for index in range(count):
+        references.assign(index, path, 1.0)
+    preview, predictor = Preview(references, design, design), Predictor(design, design, count, pose_age=0.02)
+    start = references.sample(0.0)
+    state = np.zeros((plant.size, count, 3))
+    state[0] = start[:, :3]
+    sent = [np.zeros((count, 3)) for _ in range(9)]
+    whole, rest = split(plant.delay, h)
+    parts = [(plant.hold(span), age) for span, age in ((rest, whole + 1), (h - rest, whole))]
+    predictor.advance(0.0, np.full(count, -np.inf), np.zeros((count, 3)))
+    predictor.restart(np.ones(count, bool), np.hstack([start[:, :6], np.zeros((count, 3))]), 0.0)
+    measured, true, estimated = [], [], []
+    for j in range(round(path.times[-1] / h)):
+        now = j * h
+        reference = references.sample(now)
+        pose = state[0] + noises[:, np.newaxis] * random.standard_normal((count, 3))
+        if j:
+            predictor.advance(now, np.full(count, now), pose)
+        measured.append(pose)
+        true.append(state[1])
+        estimated.append(predictor.state[:, 3:])
+        needed = preview.needed(now)
+        u = needed + command(predictor, [design] * 3, reference, 1.0)
+        predictor.command(u, needed)
+        sent.append(u)
+        for (phi, drive, push), age in parts:
+            state = (
+                np.tensordot(phi, state, 1)
+                + np.multiply.outer(drive, sent[-1 - age])
+                + np.multiply.outer(push, np.full((count, 3), 0.1))  # it is blown at, and settles against that
+            )
+    late = slice(120, None)
+    places, velocities = np.array(measured), np.array(true)
+    ours = np.sqrt(np.square(np.array(estimated) - velocities)[late].mean(axis=(0, 2)))
+    best = np.full(count, np.inf)
+    for ticks in range(1, 60):
+        difference = (places[ticks:] - places[:-ticks]) / (ticks * h)
+        off = difference[120 - ticks :] - velocities[late]
+        best = np.minimum(best, np.sqrt(np.square(off).mean(axis=(0, 2))))
+    assert (ours < 0.7 * best).all(), (ours, best)
