@@ -31,6 +31,7 @@ class Flight:
     """One drone on the floor and its pilot.
 
     Attributes:
+        vehicle: what the pilot takes the drone for.
         modes: flight modes so far, repetitions removed.
         thrusts: thrust set-points so far, PWM.
         thrust_scales: estimates in flight.
@@ -52,6 +53,7 @@ class Flight:
         self.fleet = SimulatedFleet(
             VEHICLE, 1, start=[[0.0, 0.0, floor]], floor=floor, thrust_scale=scale, capture=MotionCapture(noise=noise)
         )
+        self.vehicle = VEHICLE
         self.modes: list[Mode] = []
         self.thrusts: list[float] = []
         self.thrust_scales: list[float] = []
@@ -63,7 +65,7 @@ class Flight:
         return float(self.fleet.bodies.position[0, 2])
 
     def let_pass(self, seconds: float) -> None:
-        self.now = fly(self.pilot, self.fleet, VEHICLE, self.now + seconds, self._observe, start=self.now)
+        self.now = fly(self.pilot, self.fleet, self.vehicle, self.now + seconds, self._observe, start=self.now)
 
     def _observe(self, _now: float, _samples: list[Sample], tick: Tick, sent: dict[int, WireSetpoint]) -> None:
         mode = Mode(int(tick.mode[0]))
@@ -290,3 +292,23 @@ def test_a_drone_that_is_locked_again_after_its_unlocking_flies_none_the_less() 
     flight.let_pass(12.0)
     assert flight.modes == [Mode.IDLE, Mode.UNLOCK, Mode.FLY, Mode.UNLOCK, Mode.FLY][-len(flight.modes) :]
     assert flight.height == pytest.approx(0.6, abs=0.15)
+
+
+@pytest.mark.parametrize(("armed", "flies"), [(0.5, True), (1.5, True), (10.5, False)])
+def test_a_brushless_drone_with_poses_at_10_hz_takes_off_once_it_is_armed_but_not_when_nobody_waits_any_more(
+    armed: float, flies: bool
+) -> None:
+    flight = Flight()
+    flight.vehicle = VehicleProfile.load(CONFIG / "vehicles" / "brushless.yaml")
+    flight.fleet = SimulatedFleet(flight.vehicle, 1, capture=MotionCapture(rate=10.0, noise=5e-4))
+    flight.now = 0.0
+    flight.let_pass(min(armed, 1.0))
+    if armed < 1.0:
+        flight.fleet.firmware.request_arming(0, True)
+    flight.pilot.take_off(0, 0.5)
+    flight.let_pass(armed - flight.now)
+    flight.fleet.firmware.request_arming(0, True)
+    flight.let_pass(4.0)
+    assert (flight.height > 0.3) == flies
+    assert flight.modes[-1] is (Mode.FLY if flies else Mode.FALLEN)
+    assert flight.thrusts[-1] > 0.0 or not flies
