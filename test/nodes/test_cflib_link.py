@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
 import random
 import struct
 import time
@@ -204,7 +205,9 @@ def bridge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[CflibBri
     """A bridge that publishes the pose of one drone, to which it is not connected."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(cflib_link.Link, "start", lambda _: None)
-    rclpy.init(args=["--ros-args", "-p", "pose_rate:=100.0", "-p", "uris:=['udp://127.0.0.1:7']"])
+    # no other bridge of this machine, of another worker or run, has claimed it
+    uri = f"udp://127.0.0.1:{1024 + os.getpid() * 7919 % 64000}"
+    rclpy.init(args=["--ros-args", "-p", "pose_rate:=100.0", "-p", f"uris:=['{uri}']"])
     node = CflibBridge()
     yield node
     for claim in node._claims:
