@@ -7,8 +7,12 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from flatsat_ros.cli import shell
+
+if TYPE_CHECKING:
+    from flatsat_ros.demo.scenario import Scenario
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -33,6 +37,7 @@ def _parser() -> shell.Parser:
         default=3 * LEG_TIME,
         help=f"of swapping, in legs of {LEG_TIME:g} s, or as slow as the certificate wants (default: %(default)g)",
     )
+    parser.add_argument("--plan", type=shell.path, metavar="FILE", help="fly this plan instead, see the program plan")
     parser.add_argument("--robots", type=int, default=3, help="number of drones (default: %(default)s)")
     parser.add_argument("--rate", type=float, help="of the controller, Hz, with --paper (default: the certificate's)")
     parser.add_argument("--headless", action="store_true", help="one process on simulated time, no ROS: fast, no bag")
@@ -44,11 +49,32 @@ def _parser() -> shell.Parser:
     return parser
 
 
+def _scenario(arguments: argparse.Namespace, folder: Path) -> Scenario:
+    """Return what is to be flown."""
+    from flatsat_ros.base.errors import FlatsatError
+    from flatsat_ros.demo.scenario import plan, planned
+
+    if arguments.plan is not None:
+        usual = _parser()
+        names = ("paper", "dynamics", "seconds", "robots", "rate", "offset_free")
+        for option in (name for name in names if getattr(arguments, name) != usual.get_default(name)):
+            raise FlatsatError(f"--{option.replace('_', '-')}: not used with --plan; drop one or the other")
+        return planned(arguments.plan)
+    return plan(
+        folder,
+        arguments.robots,
+        arguments.seconds,
+        arguments.rate,
+        arguments.dynamics,
+        paper=arguments.paper,
+        offset_free=arguments.offset_free,
+    )
+
+
 def _run(arguments: argparse.Namespace) -> int:
     from flatsat_ros.base.errors import FlatsatError
     from flatsat_ros.base.files import write_text
     from flatsat_ros.demo import headless, live, pictures, record
-    from flatsat_ros.demo.scenario import plan
     from flatsat_ros.viewing.bag import read_flight
     from flatsat_ros.viewing.page import report
     from flatsat_ros.viewing.recorder import Recorder, setup_of
@@ -59,15 +85,7 @@ def _run(arguments: argparse.Namespace) -> int:
     elif arguments.console:
         raise FlatsatError("--console: not used with --headless; drop one or the other")
     shell.require_folder(folder, [record.SUMMARY, record.REPORT, *pictures.FILES])
-    scenario = plan(
-        folder,
-        arguments.robots,
-        arguments.seconds,
-        arguments.rate,
-        arguments.dynamics,
-        paper=arguments.paper,
-        offset_free=arguments.offset_free,
-    )
+    scenario = _scenario(arguments, folder)
     if arguments.headless:
         recorder = Recorder(scenario.robots, setup_of(scenario.certificate, scenario.policy))
         flown = headless.fly(scenario, recorder.observe)

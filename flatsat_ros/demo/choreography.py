@@ -17,7 +17,6 @@ from flatsat_ros.flight.trajectory import Trajectory
 STANDING_TIME = 1.0  # s on the floor, in which the controller gets to know all poses
 GATHER_TIME = 3.0  # s from the take-off to the goals that gather the drones at their first way-points
 CLIMB_TIME = 6.0  # s from the take-off to the start of the swap
-LEAD = 0.5  # s from sending the trajectories to their start
 LANDING_TIME = 8.0  # s that a landing takes, until the controller is silent again
 LANDING_LATEST = 40.0  # s after which a drone that still flies did not land
 # m, from its first way-point, that a drone may be when the trajectories are sent, and s after that: in the paper's
@@ -124,15 +123,17 @@ def perform(scenario: Scenario, stage: Stage) -> float:
         stage.take_off()
         stage.let_pass(GATHER_TIME)
         stage.send_goals(scenario.gathering)
-        stage.let_pass(CLIMB_TIME - GATHER_TIME - LEAD)
+        stage.let_pass(CLIMB_TIME - GATHER_TIME - scenario.lead)
         near, rest = GATHERED if scenario.paper else GATHERED_GENTLY
-        if not stage.wait_until(lambda: not stage.away(scenario.gathering, near), LATE):
+        # a plan looks by itself whether its drones are where it begins
+        planned = scenario.plan_path is not None
+        if not planned and not stage.wait_until(lambda: not stage.away(scenario.gathering, near), LATE):
             late = ", ".join(stage.away(scenario.gathering, near))
             raise FlatsatError(f"not within {near:g} m of the first way-point, {LATE:g} s late: {late}")
         stage.let_pass(rest)
-        start = stage.send_trajectories(scenario.swaps, LEAD)
+        start = stage.send_trajectories(scenario.swaps, scenario.lead)
         stage.describe("swapping")
-        stage.let_pass(LEAD + scenario.duration)
+        stage.let_pass(scenario.lead + scenario.duration)
         stage.step()  # the end itself belongs to the swap
         stage.describe("landing")
         stage.land()

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint, input_from_setpoint
-from flatsat_ros.demo.choreography import Stage, perform
+from flatsat_ros.demo.choreography import LATE, Stage, perform
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
 from flatsat_ros.demo.scenario import GAMMA_0, LINK_DELAY, MU, POSE_NOISE, V_INF, VEHICLE, Scenario, record_of
 from flatsat_ros.flight import telemetry
@@ -18,6 +19,8 @@ from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
+from flatsat_ros.plans.performance import Performance, Phase
+from flatsat_ros.plans.prepared import PreparedPlan
 from flatsat_ros.sim.closed_loop import Observer
 from flatsat_ros.sim.closed_loop import fly as fly_simulated
 from flatsat_ros.sim.fleet import SimulatedFleet
@@ -72,6 +75,10 @@ class _Simulation(Stage):
             capture=MotionCapture(noise=POSE_NOISE),
             command_delay=0.0 if scenario.paper else LINK_DELAY,
         )
+        self._performance = None
+        if scenario.plan_path is not None:
+            plan = PreparedPlan.load(scenario.plan_path, certificate)
+            self._performance = Performance(plan, self._pilot, scenario.robots)
         self._next = 0  # number of the next tick
         self.poses: list[list[list[float]]] = [[] for _ in range(count)]
         self.ticks: list[list[FloatArray]] = [[] for _ in range(count)]
@@ -85,6 +92,8 @@ class _Simulation(Stage):
         """Fly one tick."""
         now = self.now()
         self._next += 1
+        if self._performance is not None:
+            self._performance.look(now)
         fly_simulated(self._pilot, self._fleet, self._vehicle, self.now(), self._observe, start=now)
 
     def _observe(self, now: float, samples: list[Sample], tick: Tick, sent: dict[int, WireSetpoint]) -> None:
@@ -113,7 +122,19 @@ class _Simulation(Stage):
             self._pilot.set_reference(i, Trajectory.hold(place))
 
     def send_trajectories(self, trajectories: Sequence[Trajectory], lead: float) -> float:
-        """Send each drone a trajectory that begins in `lead` seconds; return when that is, s."""
+        """Send each drone a trajectory that begins in `lead` seconds; return when that is, s.
+
+        Those of a plan begin when all drones are within their tubes.
+
+        Raises:
+            FlatsatError: they are not in time.
+        """
+        plan = self._performance
+        if plan is not None:
+            plan.start(self.now())
+            if not self.wait_until(lambda: plan.phase is Phase.FLYING, LATE):
+                raise FlatsatError(f"the plan does not begin within {LATE:g} s: drones are not within their tubes")
+            return plan.origin
         start = self.now() + lead
         for i, trajectory in enumerate(trajectories):
             self._pilot.set_reference(i, trajectory.shifted(start))

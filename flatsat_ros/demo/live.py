@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.vehicle import load_vehicle
-from flatsat_ros.demo.choreography import Stage, perform
+from flatsat_ros.demo.choreography import LATE, Stage, perform
 from flatsat_ros.demo.processes import Nodes, command_of, commands_of, require_alive, running
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
 from flatsat_ros.demo.scenario import VEHICLE, Scenario, record_of
@@ -74,7 +74,7 @@ def fly(scenario: Scenario, folder: Path, *, console: bool = False) -> FlightRec
         if console:
             commands["console"] = command_of("console", NAMESPACE, {"port": "0"})
         with running(commands, folder / "log") as nodes:
-            stage = Live(conductor, nodes)
+            stage = Live(conductor, nodes, planned=scenario.plan_path is not None)
             stage.wait_for_nodes()
             if console:
                 stage.show(folder / "log" / "console.log")
@@ -109,8 +109,10 @@ def _listen_for_others(conductor: Conductor) -> None:
 class Live(Stage):
     """The nodes, asked and heard through the conductor; a step lets messages come in, and all nodes must live."""
 
-    def __init__(self, conductor: Conductor, nodes: Nodes) -> None:
+    def __init__(self, conductor: Conductor, nodes: Nodes, *, planned: bool = False) -> None:
+        """Ask and hear the nodes; if planned, the controller has a plan to be started."""
         super().__init__()
+        self._planned = planned
         self._conductor = conductor
         self._nodes = nodes
 
@@ -197,7 +199,21 @@ class Live(Stage):
             self._conductor.send_goal(i, place)
 
     def send_trajectories(self, trajectories: Sequence[Trajectory], lead: float) -> float:
-        """Send each drone a trajectory that begins in `lead` seconds; return when that is on the record's clock, s."""
+        """Send each drone a trajectory that begins in `lead` seconds; return when that is on the record's clock, s.
+
+        Those of a plan begin when all drones are within their tubes.
+
+        Raises:
+            FlatsatError: they are not in time, or the controller refused.
+        """
+        if self._planned:
+            answer = self._conductor.start_plan()
+            if not self.wait_until(answer.done, _ANSWER) or self._conductor.refusal(answer):
+                text = self._conductor.refusal(answer) if answer.done() else f"no answer after {_ANSWER:g} s"
+                raise FlatsatError(f"the plan is not started: {text}")
+            if not self.wait_until(lambda: self._conductor.plan_began() is not None, LATE):
+                raise FlatsatError(f"the plan does not begin within {LATE:g} s: drones are not within their tubes")
+            return self._conductor.seconds(self._conductor.plan_began() or 0)
         start = self._conductor.now() + round(lead * 1e9)
         for i, trajectory in enumerate(trajectories):
             self._conductor.send_trajectory(i, trajectory, start)

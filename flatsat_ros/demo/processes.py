@@ -39,6 +39,7 @@ def commands_of(scenario: Scenario, namespace: str) -> dict[str, list[str]]:
                 "thrust_error_max": repr(scenario.policy.thrust_error_max),
                 "disturbance_max": repr(scenario.policy.disturbance_max),
                 "link_delay": repr(link_delay),
+                **({} if scenario.plan_path is None else {"plan": str(scenario.plan_path.resolve())}),
             },
         )
     }

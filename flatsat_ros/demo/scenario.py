@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
 from flatsat_ros.flight.policy import GoalMode, Policy
 from flatsat_ros.flight.trajectory import Trajectory
+from flatsat_ros.plans.prepared import PreparedPlan
 
 # the paper's way-points, {[0,-6,1],[6,6,1],[-6,6,1]} x 10 cm in x and y, m
 PAPER_WAYPOINTS = np.array([[0.0, -0.6, 1.0], [0.6, 0.6, 1.0], [-0.6, 0.6, 1.0]])
@@ -27,6 +29,8 @@ VEHICLE = "cf21"
 POSE_NOISE = 5e-4  # m, of the simulated motion capture
 DISTURBANCE_MAX = 0.8  # m/s^2, that the controller compensates by default
 THRUST_ERROR_MAX = 0.25  # that it corrects by default
+LEAD = 0.5  # s from sending the trajectories to their start
+_FLOOR_DISTANCE = 0.5  # m, between drones that take off
 LINK_DELAY = 0.028  # s, from a command to the simulated drone in the default flight
 
 
@@ -44,6 +48,7 @@ class Scenario:
         dynamics: ideal or identified.
         policy: of the flight layer.
         paper: the flight is Test 2 of the paper: goals are steps, no drone's gain restarts.
+        plan_path: the plan file whose references the swaps are; None without one.
     """
 
     robots: list[str]
@@ -55,6 +60,7 @@ class Scenario:
     dynamics: str
     policy: Policy
     paper: bool
+    plan_path: Path | None = None
 
     @property
     def height(self) -> float:
@@ -64,7 +70,12 @@ class Scenario:
     @property
     def duration(self) -> float:
         """Length of the swap, s."""
-        return float(self.swaps[0].times[-1])
+        return max(float(swap.times[-1]) for swap in self.swaps)
+
+    @property
+    def lead(self) -> float:
+        """How long before the swap its references are sent, s; those of a plan are sent one in each tick."""
+        return LEAD if self.plan_path is None else LEAD + len(self.robots) * self.certificate.period
 
 
 def plan(
@@ -121,6 +132,31 @@ def plan(
         else Policy(disturbance_max=DISTURBANCE_MAX, thrust_error_max=THRUST_ERROR_MAX, drag=drag),
         paper=paper,
     )
+
+
+def planned(path: Path) -> Scenario:
+    """Return the flight of a plan file: from the floor below its first points, by the controller's defaults.
+
+    Raises:
+        FlatsatError: the plan does not hold, is for another certificate, or its drones would stand too near to each
+            other on the floor.
+    """
+    certificate, certificate_path = _default_certificate()
+    prepared = PreparedPlan.load(path, certificate)
+    robots = list(prepared.references)
+    swaps = [prepared.references[robot] for robot in robots]
+    gathering = np.array([swap.sample(0.0)[:3] for swap in swaps])
+    start = gathering * (1.0, 1.0, 0.0)
+    for (i, one), (j, other) in itertools.combinations(enumerate(start), 2):
+        apart = float(np.linalg.norm(one - other))
+        if apart < _FLOOR_DISTANCE:
+            what = f"distance of {robots[i]} and {robots[j]} on the floor below their first points"
+            raise refusal(what, round(apart, 3), "m", f"at least {_FLOOR_DISTANCE:g} m, to take off")
+    drag = load_vehicle(VEHICLE).dynamics.drag_z
+    return Scenario(
+        robots, start, gathering, swaps, certificate, certificate_path, "identified",
+        Policy(disturbance_max=DISTURBANCE_MAX, thrust_error_max=THRUST_ERROR_MAX, drag=drag), False, path,
+    )  # fmt: skip
 
 
 def _default_certificate() -> tuple[Certificate, Path]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TypeVar
@@ -36,6 +37,9 @@ _REQUESTS = {
     "land": (Trigger, Trigger.Request()),
 }
 MODE = FIELDS.index("mode")
+# how the controller's log says when a plan begins, see `plans.performance`
+_PLAN_BEGINS = re.compile(rb"the plan is flown from (\d+\.\d+) s on")
+_LOG_KIND = "rcl_interfaces/msg/Log"
 
 
 class Conductor(Node):
@@ -71,6 +75,7 @@ class Conductor(Node):
         self._lifecycle = {
             (who, name): self.create_client(_REQUESTS[name][0], interfaces.service_of(who, name)) for who, name in asked
         }
+        self._plan = self.create_client(Trigger, "plan/start")
         for robot in robots:
             for topic in _RECORDED:
                 self.record(topic, topic.of(robot))
@@ -135,6 +140,18 @@ class Conductor(Node):
     def ask(self, name: str, who: str = interfaces.ALL) -> Future:
         """Ask the controller to arm, takeoff or land; the answer comes in while spinning."""
         return self._lifecycle[who, name].call_async(_REQUESTS[name][1])
+
+    def start_plan(self) -> Future:
+        """Ask the controller to start its plan; the answer comes in while spinning."""
+        return self._plan.call_async(Trigger.Request())
+
+    def plan_began(self) -> int | None:
+        """Return when the references of the plan begin, ns, as the controller's log says; None before it does."""
+        for entry in reversed(self.recorded):
+            found = _PLAN_BEGINS.search(entry.cdr) if entry.kind == _LOG_KIND else None
+            if found is not None:
+                return entry.time + round(float(found[1]) * messages.NANOSECONDS)
+        return None
 
     def refusal(self, answer: Future) -> str:
         """Return why the controller refused what it was asked for, nothing if it did not; the answer must be there."""

@@ -92,6 +92,11 @@ class Performance:
         self._reports: list[Report] = []
 
     @property
+    def origin(self) -> float:
+        """When the plan began, or would have begun if it had never been paused, on the pilot's clock, s; in flight."""
+        return self._origin
+
+    @property
     def is_busy(self) -> bool:
         """Whether drones follow the plan now."""
         return self.phase in (Phase.GATHERING, Phase.FLYING, Phase.STOPPING, Phase.PAUSED)
@@ -238,7 +243,7 @@ class Performance:
         self._outside = math.inf
         self._given.clear()
         self.phase, self._origin, self._until = Phase.FLYING, origin, origin + self.plan.duration
-        self._tell(f"the plan is flown from {begin - now:.1f} s on: all set out together")
+        self._tell(f"the plan is flown from {begin - now:.3f} s on: all set out together")
 
     def _stop(self, now: float) -> None:
         """Let all slow down, from one time on, and stand still."""
