@@ -312,6 +312,7 @@ class AstrayDetector:
         self._past = np.zeros((2 * self._window + self._late + 1, 2, count, 2))
         # of each axis of the body: what was commanded, what came along it, all that came; then what came across both
         self._sums = np.zeros((7, count))
+        self._common = np.zeros((2, count))  # of both axes: what came along, and across, by the yaw of now
         self._judged = np.zeros(count)  # s
         self._wrong = np.zeros(count)  # s, for how long what comes has been wrong
 
@@ -334,9 +335,13 @@ class AstrayDetector:
         self._sums[0:2] += self._period * wanted * wanted
         self._sums[2:4] += self._period * wanted * came
         self._sums[4:6] += self._period * came * came
-        self._sums[6] += self._period * (wanted[0] * came[1] - wanted[1] * came[0])
+        across = self._period * (wanted[0] * came[1] - wanted[1] * came[0])
+        self._sums[6] += across
+        self._common *= 1.0 - self._period / _FORGOTTEN
+        self._common += self._period * (wanted * came).sum(axis=0), across
         self._judged = np.where(judged, self._judged + self._period, 0.0)
-        self._sums[:, self._judged < len(self._past) * self._period] = 0.0
+        early = self._judged < len(self._past) * self._period
+        self._sums[:, early] = self._common[:, early] = 0.0
         if not np.count_nonzero(self._sums[0] + self._sums[1] > _JUDGED):
             self._wrong[:] = 0.0
             return np.zeros(self._wrong.size, dtype=bool)
@@ -362,6 +367,20 @@ class AstrayDetector:
             cos, sin = straight / float(whole[1]), across / float(whole[1])
             return np.array([[cos, -sin], [sin, cos]])
         return np.diag(np.where(along < -_MIRRORED * np.sqrt(size * total), -1.0, 1.0))
+
+    def turns(self) -> FloatArray:
+        """Return by which angle what comes is turned from what is commanded, (N,) rad; 0 where that is not known."""
+        along, across = self._common
+        size, total = self._sums[0:2].sum(axis=0), self._sums[4:6].sum(axis=0)
+        known = _explained(size, np.hypot(along, across), total)
+        return np.where(known, np.arctan2(across, along), 0.0)
+
+    def correct(self, angle: FloatArray, anew: np.ndarray) -> None:
+        """Take note of yaws that are corrected by an angle (N,), rad; judge some (N,) drones anew."""
+        (along, across), sin, cos = self._common, np.sin(angle), np.cos(angle)
+        self._common = np.array([cos * along + sin * across, cos * across - sin * along])
+        self._judged[anew] = self._wrong[anew] = 0.0
+        self._sums[:, anew] = self._common[:, anew] = 0.0
 
     def _changed(self, past: FloatArray) -> FloatArray:
         """Return how much more a quantity changed over the last window than over the one before, (N, 2)."""

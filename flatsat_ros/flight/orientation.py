@@ -16,19 +16,24 @@ _PATIENCE = 3.0
 
 
 class Orientations:
-    """Looks at the orientations that an estimator has taken in."""
+    """Looks at the orientations that an estimator has taken in.
+
+    Attributes:
+        from_motion: the yaw comes from the motion while no orientation is seen.
+    """
 
     def __init__(self, estimator: Estimator, source: YawSource, count: int) -> None:
         """Watch an estimator of N drones."""
         self._estimator = estimator
         self._measured = source is YawSource.MEASURED
+        self.from_motion = source is YawSource.MOTION
         self._lands = np.zeros(count, dtype=bool)  # it was told to land because its orientation is not seen
 
     def unready(self, index: int) -> str:
         """Return why drone index must not take off though its position is known; empty if it may."""
         tilt = float(self._estimator.tilt[index])
         if np.isnan(tilt) and self._measured:
-            return "its orientation was never seen: take-off needs it, unless yaw_source is assumed"
+            return "its orientation was never seen: take-off needs it, unless yaw_source is assumed or motion"
         if tilt > _TILTED:
             return f"it is tilted by {np.degrees(tilt):.0f} deg: must be at most {np.degrees(_TILTED):.0f}; is z up?"
         return ""

@@ -20,10 +20,14 @@ class GoalMode(str, Enum):
 
 
 class YawSource(str, Enum):
-    """Where the yaw comes from: MEASURED, the orientation of the poses; ASSUMED, 0 until an orientation is seen."""
+    """Where the yaw comes from: MEASURED, the orientation of the poses; ASSUMED, 0 until an orientation is seen.
+
+    MOTION: as ASSUMED at first, then from how the drone moves on commands, while no orientation is seen.
+    """
 
     MEASURED = "measured"
     ASSUMED = "assumed"
+    MOTION = "motion"
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,10 @@ from flatsat_ros.flight.thrust import ThrustScale
 
 # the detectors look so often, s: they judge by what lasts for tenths of a second
 _LOOK = 0.05
+# a yaw that is learnt from motion follows it with this time constant, s; if a drone is astray again so soon, s, after
+# it was corrected at once, it is no matter of its yaw
+_YAW_TIME = 0.5
+_YAW_SETTLES = 3.0
 # near the ground, m, a drone is not judged by its motion: something may carry it
 _NEAR_GROUND = 0.15
 # a drone on the ground that is commanded upward by this, m/s^2, and stays this slow, m/s, has too little thrust
@@ -71,6 +75,8 @@ class Senses:
         self._reports: list[tuple[int, str]] = []
         self._lift = np.zeros(count)  # what lifts each beside its thrust, m/s^2, without gusts
         self._unlocked = np.zeros(count, dtype=bool)  # it stood on the ground when its flight began
+        self._turns = np.zeros(count)  # corrections of yaws that are learnt from motion, rad, not yet made
+        self._settling = np.zeros(count)  # s, until the yaw may be found wrong again
         self._misled = np.zeros(count, dtype=bool)  # it sinks, and its height is not what its poses say
         self._gone_astray = np.zeros(count, dtype=bool)  # until it is down
         self._free = np.zeros(count, dtype=bool)  # steered in the air, away from the ground
@@ -126,6 +132,7 @@ class Senses:
         yaw: FloatArray,
         flying: np.ndarray,
         landing: np.ndarray,
+        unseen: np.ndarray | None = None,
     ) -> np.ndarray:
         """Learn from one tick; return who is steered in the air, away from the ground, (N,).
 
@@ -135,6 +142,7 @@ class Senses:
             yaw: (N,) psi, rad.
             flying: (N,) who is steered.
             landing: (N,) who lands, and may be carried by something when it is low.
+            unseen: (N,) whose yaw is to be learnt from motion, see `take_turns`; nobody's by default.
         """
         self._acceleration = acceleration
         self._push = self._push + self._tick * acceleration
@@ -150,12 +158,33 @@ class Senses:
         self.thrust.learn(acceleration[:, 2] + self._gravity, disturbance[:, 2], learning, lifting, self._period)
         # what carries a drone lets nothing come of its commands, which is not taken for a wrong sign
         judged = (flying & ~standing) | self.braking.active
-        self._gone_astray = self._gone_astray | self._astray.astray(self._push[:, :2], estimated[:, 3:5], yaw, judged)
+        astray = self._astray.astray(self._push[:, :2], estimated[:, 3:5], yaw, judged)
+        if unseen is not None and np.count_nonzero(unseen):
+            astray = self._learn_yaw(astray, unseen & judged)
+        self._gone_astray = self._gone_astray | astray
         for index in map(int, np.flatnonzero(self.braking.active)):
             self.braking.learn(index, self._astray.answer(index))
         self._lift += (self._period / _LIFT_TIME) * np.where(high, disturbance[:, 2] - self._lift, 0.0)
         self._push, self._free = np.zeros_like(self._push), free
         return self._free
+
+    def _learn_yaw(self, astray: np.ndarray, learning: np.ndarray) -> np.ndarray:
+        """Learn yaws from motion: slowly, and at once where a drone would be astray; return who is astray after all."""
+        angle = np.where(learning, self._astray.turns(), 0.0)
+        self._settling = np.maximum(self._settling - self._period, 0.0)
+        found = astray & learning & (np.abs(angle) > 0.0) & (self._settling == 0.0)
+        turns = np.where(found, angle, self._period / _YAW_TIME * angle)
+        self._turns, self._settling[found] = self._turns + turns, _YAW_SETTLES
+        self._astray.correct(turns, found)
+        for index in map(int, np.flatnonzero(found)):
+            text = f"its motion is turned by {np.degrees(angle[index]):.0f} deg from its commands: its yaw is corrected"
+            self._reports.append((index, text))
+        return np.asarray(astray & ~found)
+
+    def take_turns(self) -> FloatArray:
+        """Return by how much the yaws are to be corrected, (N,) rad, since the last call."""
+        turns, self._turns = self._turns, np.zeros_like(self._turns)
+        return turns
 
     def at_limit(
         self, now: float, base: FloatArray, disturbance: FloatArray, error: FloatArray, landing: np.ndarray

@@ -115,7 +115,10 @@ class ControlStep:
             commanded = self._brake(command, acceleration, level & usable)
 
         assessment = parts.loop.assess(output, acceleration, flying)
-        free = senses.note(commanded, estimated, estimator.yaw, flying, guidance.landing)
+        learning = unseen if parts.orientations.from_motion else None
+        free = senses.note(commanded, estimated, estimator.yaw, flying, guidance.landing, learning)
+        if learning is not None and senses.looked:
+            estimator.yaw += senses.take_turns()
         if self._policy.goal_mode is GoalMode.PATH:  # steps take a drone to its limit by themselves
             for index in senses.at_limit(now, aim.base, estimate, aim.error, guidance.landing):
                 if flying[index]:
