@@ -49,7 +49,7 @@ ROOMS = {
     "viewing": _room(f"{_FLOWN}", libraries="numpy rosbags"),
     "nodes": _room(f"{_FLOWN} plans identification sim viewing", libraries=None),
     "demo": _room(f"{_FLOWN} plans planning synthesis sim nodes", libraries="numpy matplotlib tqdm"),
-    "falsification": _room(f"{_FLOWN} planning synthesis sim nodes demo", libraries="numpy tqdm"),
+    "falsification": _room(f"{_FLOWN} plans planning synthesis sim nodes demo", libraries="numpy tqdm"),
     "paper": _room(f"{_FLOWN} planning synthesis sim falsification demo", libraries="numpy matplotlib tqdm"),
     "cli": _room(
         f"{_FLOWN} plans planning synthesis identification sim viewing falsification demo paper",

@@ -12,6 +12,7 @@ from contextlib import closing
 from flatsat_ros.cli import shell
 
 _RUNS, _SECONDS = 1_000_000, 540.0  # by default
+_FLIGHTS = 1000  # of plans
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -35,12 +36,60 @@ def _parser() -> shell.Parser:
     parser.add_argument("--seed", type=int, help="of the first batch (default: 0)")
     parser.add_argument("--workers", type=int, help="processes (default: one for each core)")
     parser.add_argument("--sabotage", choices=SABOTAGES, help=wrong)
+    parser.add_argument(
+        "--plans", nargs="+", type=shell.path, metavar="FILE",
+        help="fly these plans instead, with the certificate that proves their tubes, in simulated wind; --runs are "
+        f"flights of single drones (default: {_FLIGHTS})",
+    )  # fmt: skip
+    parser.add_argument("--certificate", metavar="NAME_OR_PATH", help="of --plans (default: the controller's)")
     parser.add_argument("--replay", metavar="CAMPAIGN:SEED:INDEX", help="one run again, step by step")
     return parser
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from flatsat_ros.base.errors import FlatsatError
+
+    if arguments.plans is not None:
+        return _fly_plans(arguments)
+    if arguments.certificate is not None:
+        raise FlatsatError("--certificate: used with --plans only; campaigns draw theirs")
     return _fly(arguments) if arguments.replay is None else _replay(arguments)
+
+
+def _fly_plans(arguments: argparse.Namespace) -> int:
+    from functools import partial
+
+    from tqdm import tqdm
+
+    from flatsat_ros.base.errors import FlatsatError
+    from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, load_certificate
+    from flatsat_ros.falsification.plans import Attack, made, report, tasks
+    from flatsat_ros.falsification.workers import results_of
+    from flatsat_ros.plans import Plan
+
+    shell.require_alone(arguments, "plans", "certificate", "runs", "seconds", "seed", "workers")
+    runs = _FLIGHTS if arguments.runs is None else arguments.runs
+    seconds = _SECONDS if arguments.seconds is None else arguments.seconds
+    seed, workers = arguments.seed or 0, arguments.workers or os.cpu_count() or 1
+    if min(runs, workers) < 1 or seed < 0 or not seconds > 0.0:
+        raise FlatsatError("--runs, --workers and --seconds must be above 0, --seed at least 0")
+    certificate = load_certificate(arguments.certificate or DEFAULT_CERTIFICATE)
+    plans = [Plan.load(path) for path in arguments.plans]
+    work = partial(made, plans=plans, certificate=certificate)
+    attacks: list[tuple[str, Attack]] = []
+    began = time.monotonic()
+    given = tasks(len(plans), seed)
+    with (
+        closing(results_of(work, tasks(len(plans), seed), workers)) as found,
+        tqdm(total=runs, unit=" flights", desc="falsify", mininterval=0.5) as bar,
+    ):
+        for task, one in zip(given, found, strict=False):
+            attacks.append((plans[task.plan].name, one))
+            bar.update(one.flights)
+            if bar.n >= runs or time.monotonic() - began > seconds:
+                break
+    print(report(attacks, time.monotonic() - began))
+    return 1 if any(one.breaches for _, one in attacks) else 0
 
 
 def _fly(arguments: argparse.Namespace) -> int:
