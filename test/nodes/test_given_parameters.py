@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 import rclpy
 import yaml
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, Twist
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.crazyflie.wire import Backend, WireSetpoint
 from flatsat_ros.identification.recording import COLUMNS
 from flatsat_ros.nodes.cflib_bridge import CflibBridge
 from flatsat_ros.nodes.controller_node import ControllerNode
@@ -26,6 +27,7 @@ from flatsat_ros.nodes.mocap_player import MocapPlayer
 from flatsat_ros.nodes.ros import messages
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 from flatsat_ros.nodes.sim_drone import SimDrone
+from flatsat_ros.nodes.sim_server import SimServer
 
 pytestmark = pytest.mark.in_process
 
@@ -235,3 +237,18 @@ def test_a_recording_is_known_by_its_ending_in_any_letters(started: Callable[...
     assert not started(MocapPlayer, given(file=recording)).done
     with pytest.raises(FlatsatError, match="parameter body = 'cf1': must be empty for a CSV recording"):
         started(MocapPlayer, given(file=recording, body="cf1"))
+
+
+def test_who_offers_logging_as_cflibs_server_does_takes_the_signs_of_its_set_points(
+    started: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = started(SimServer, given())
+    offers = any(service.service_name.endswith("/add_logging") for service in node.services)
+    assert node.backend is (Backend.CFLIB if offers else Backend.CPP)
+    message, taken = Twist(), []
+    messages.fill_command(message, WireSetpoint(roll=1.0, pitch=2.0, yaw=3.0, thrust=4.0))
+    monkeypatch.setattr(node.drones[0][1], "command", lambda *setpoint: taken.append(setpoint))
+    for backend in Backend:
+        monkeypatch.setattr(node, "backend", backend)
+        node._on_command(0, message)
+    assert taken == [(0, 1.0, 2.0, 3.0, 4.0), (0, 1.0, -2.0, 3.0, 4.0)]
