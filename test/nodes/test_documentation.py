@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from importlib.util import find_spec
 from pathlib import Path
@@ -37,7 +38,11 @@ NODES = {
 GIVEN = {
     "mocap_player": {"file": "{folder}/recording.csv"},
     "record": {"output": "{folder}/bag"},
-    "cflib_bridge": {"pose_rate": "50.0", "external_pose": "pose"},
+    "cflib_bridge": {
+        "pose_rate": "50.0",
+        "external_pose": "pose",
+        "uris": f"['udp://127.0.0.1:{1024 + os.getpid() * 7919 % 64000}']",  # which no other run has claimed
+    },
     "sim_server": {"odom_rate": "10.0"},
 }
 # defaults that are put into words
