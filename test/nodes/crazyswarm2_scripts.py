@@ -254,3 +254,12 @@ def test_motion_capture_of_all_drones_reaches_the_servers_kind_of_subscriber(fli
     lab.wait(lambda: len(came) > 20, "poses of all drones")
     assert [pose.name for pose in came[-1].poses] == list(PLACES)
     assert came[-1].poses[1].pose.position.y == pytest.approx(-0.5, abs=0.01)
+
+
+def test_transforms_lead_from_the_world_to_each_drone(flight: Flight, lab: Lab) -> None:
+    transforms = pytest.importorskip("tf2_msgs.msg")
+    came: list[Any] = []
+    lab.node.create_subscription(transforms.TFMessage, interfaces.TF, came.append, interfaces.TF_QOS)
+    lab.wait(lambda: len(came) > 20, "transforms")
+    assert [one.child_frame_id for one in came[-1].transforms] == list(PLACES)
+    assert came[-1].transforms[0].transform.translation.y == pytest.approx(0.5, abs=0.01)
