@@ -56,6 +56,7 @@ def _row(track: Track) -> list[float | None]:
     return [rate, *_tick_figures(track.channels.get("tick")), lowest]
 
 
+@np.errstate(invalid="ignore", over="ignore")  # what was recorded need not be finite
 def _tick_figures(ticks: Channel | None) -> list[float | None]:
     if ticks is None or len(ticks.times) == 0:
         return [None] * 8

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -53,6 +55,14 @@ def test_errors_are_those_in_flight_and_shares_count_from_two_seconds_after_lift
     assert found["guaranteed"] == pytest.approx(60.0)  # 5 to 8 s of 3 to 8 s
     assert (found["T min"], found["T max"]) == pytest.approx((10.0, 16.9))
     assert found["tilt max"] == pytest.approx(np.degrees(0.1))
+
+
+@pytest.mark.parametrize("absurd", [1e200, -1e308, np.inf, np.nan])
+def test_telemetry_that_cannot_be_true_makes_no_noise(absurd: float) -> None:
+    channel = ticks(mode=Mode.FLY, **dict.fromkeys(["error_x", "error_y", "T", "phi", "gamma", "tick_us"], absurd))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert figures(Track("cf1", {"tick": channel}))["guaranteed"] == 0.0
 
 
 def test_what_is_not_recorded_is_left_open() -> None:
