@@ -13,41 +13,32 @@ from contextlib import contextmanager
 from functools import partial
 
 import numpy as np
-from geometry_msgs.msg import Twist
-from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 
-from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, load_certificate
-from flatsat_ros.crazyflie.fit import require_fit
-from flatsat_ros.crazyflie.wire import WireSetpoint, YawMode, setpoint_from_command
 from flatsat_ros.flight import telemetry
 from flatsat_ros.flight.clearance import Cause
 from flatsat_ros.flight.modes import AIRBORNE, Mode, Transition
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.stamps import StampClock
-from flatsat_ros.flight.tick import Command, Tick
+from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.backends import Backends
 from flatsat_ros.nodes.batteries import follow_batteries
+from flatsat_ros.nodes.commands import Commands
+from flatsat_ros.nodes.controller_setup import declare_setup
 from flatsat_ros.nodes.crazyswarm import HAND_OVER_FORCE, SETTLING_TIME, DroneLink
 from flatsat_ros.nodes.flight_report import FlightLog, report_flight
 from flatsat_ros.nodes.flight_services import FlightServices
-from flatsat_ros.nodes.last_resort import LastResort
 from flatsat_ros.nodes.markers import Markers
 from flatsat_ros.nodes.other_robots import declare_others, follow_others
 from flatsat_ros.nodes.plan_control import PlanControl, declare_plan
-from flatsat_ros.nodes.policy import declare_policy
 from flatsat_ros.nodes.pose_sources import PoseSources
 from flatsat_ros.nodes.rivals import Rivals
 from flatsat_ros.nodes.ros import cdr, interfaces, messages
 from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, Report
 from flatsat_ros.nodes.ros.parameters import (
     declare,
-    declare_robots,
-    declare_vehicles,
-    declare_yaw_mode,
     require_known_parameters,
 )
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
@@ -58,9 +49,6 @@ from flatsat_ros.nodes.tuning import TuningParameters
 _LOOK_PERIOD = 1.0
 _BROKEN = "the control step failed, see the log; restart the controller"
 
-# how long the last commands may take to be acknowledged, s
-_ENDING_TIME = 0.5
-
 
 class ControllerNode(ProgramNode):
     """ROS shell of `Pilot`."""
@@ -70,59 +58,30 @@ class ControllerNode(ProgramNode):
     def __init__(self) -> None:
         """Read the parameters, load the certificate and the vehicle, start the tick."""
         super().__init__(interfaces.CONTROLLER_NODE)
-        robots = declare_robots(self)
-        self.robots = [robot.name for robot in robots]
-        certificate = declare(
-            self, "certificate", DEFAULT_CERTIFICATE, "certificate: packaged name or path of a YAML file"
-        )
-        self._certificate = load_certificate(certificate)
-        self._vehicles = declare_vehicles(self, robots)
-        self._backends = Backends(self, self.robots, self._flies)
-        self._yaw_mode = declare_yaw_mode(self)
-        for robot, vehicle in zip(self.robots, self._vehicles, strict=True):
-            if self._certificate.limits.thrust_max > vehicle.thrust_max:
-                raise FlatsatError(
-                    f"certificate {self._certificate.name!r} allows a thrust of "
-                    f"{self._certificate.limits.thrust_max:.4f} m/s^2, but {robot}, vehicle {vehicle.name!r}, "
-                    f"lifts {vehicle.thrust_max:.4f} m/s^2: synthesize one with thrust_max at most that"
-                )
-        link_delay = declare(
-            self, "link_delay", 0.028, "from a command to the drone: computer, radio", unit="s", bounds=(0.0, 0.5)
-        )
-        for robot, vehicle in zip(self.robots, self._vehicles, strict=True):
-            require_fit(self._certificate, vehicle, link_delay, robot)
-        policy = declare_policy(self, min(vehicle.dynamics.drag_z for vehicle in self._vehicles))
+        setup = self._setup = declare_setup(self)
+        self.robots, self._certificate, self._world = setup.robots, setup.certificate, setup.world.encode()
         tuning = TuningParameters(self, self.robots, self._certificate)
-        # zero thrust from the next tick on, the tick after it, the notice that no more follows
-        self._unlock_time = policy.unlock_time + 2.0 * self._certificate.period + SETTLING_TIME
-        self._takeoff_height = declare(
-            self, "takeoff_height", 0.5, "how high the takeoff service sends a drone", unit="m", bounds=(0.05, 100.0)
-        )
-        world = declare(self, "world_frame", "world", "frame_id of poses, goals and trajectories")
-        self._world = world.encode()
-        self._sources = PoseSources(self, self.robots, world, self._flies)
+        self._backends = Backends(self, self.robots, self._flies)
+        self._sources = PoseSources(self, self.robots, setup.world, self._flies)
         declare(self, HAND_OVER_FORCE, False, "hand over although nobody is there to take over", changeable=True)
         others = declare_others(self, self.robots)
         plan = declare_plan(self)
         require_known_parameters(self)
-        self._pilot = Pilot(self._certificate, tuning.tuning(), policy, len(self.robots), self.robots, others)
+        self._pilot = Pilot(self._certificate, tuning.tuning(), setup.policy, len(self.robots), self.robots, others)
         tuning.follow(self._pilot.retune)
-        SetupReport(self, self._certificate, policy)
-        Markers(self, self.robots, self._world.decode(), policy.box, self._newest)
+        SetupReport(self, self._certificate, setup.policy)
+        Markers(self, self.robots, setup.world, setup.policy.box, self._newest)
         refusals = interfaces.REFUSALS
         self._refusals = self.create_publisher(refusals.kind, refusals.suffix, refusals.publish)
 
         count = len(self.robots)
         self._stamps = StampClock(count, lambda: self.get_clock().now().nanoseconds, time.monotonic_ns)
-        hover = [float(vehicle.pwm_from_thrust(GRAVITY)) for vehicle in self._vehicles]
-        self._last_resort = LastResort(hover, keeps_yaw=self._yaw_mode is YawMode.ANGLE)
+        self._commands = Commands(self, self.robots, setup.vehicles, self._backends.of, setup.yaw_mode)
         self._broken = False  # the common step has failed
         self._log = FlightLog(self.get_logger())
         self._durations: list[float] = []
         self._last: Tick | None = None
-        self._command = Twist()
         self._telemetry = messages.telemetry_message()
-        self._command_publishers: list[Publisher] = []
         self._telemetry_publishers: list[Publisher] = []
         for index, robot in enumerate(self.robots):
             self._connect(index, robot)
@@ -135,9 +94,8 @@ class ControllerNode(ProgramNode):
             "hand_over": self._hand_over,
         }
         steered = {name: partial(self._steer, act) for name, act in actions.items()}
-        self._plans = PlanControl(
-            self, plan, self.robots, self._pilot, certificate, lambda: self._stamps.now, self._log
-        )
+        name = setup.certificate_name
+        self._plans = PlanControl(self, plan, self.robots, self._pilot, name, lambda: self._stamps.now, self._log)
         FlightServices(self, self.robots, steered, partial(self._steer, self._arm), self._log)
         self._links = [DroneLink(self, robot) for robot in self.robots]
         self.create_timer(self._certificate.period, self._on_tick)
@@ -166,8 +124,8 @@ class ControllerNode(ProgramNode):
         """Return the drones that are in the air or just landed, with their heights."""
         found = []
         for index, robot in enumerate(self.robots):
-            if self._last_resort.since[index] is not None:
-                if self._last_resort.setpoint(index) is not None:
+            if self._commands.last_resort.since[index] is not None:
+                if self._commands.last_resort.setpoint(index) is not None:
                     found.append(f"{robot} (last resort)")
             elif self._pilot.mode[index] in (*AIRBORNE, Mode.REST):
                 found.append(f"{robot} (z = {self._pilot.height[index]:.2f} m)")
@@ -176,10 +134,8 @@ class ControllerNode(ProgramNode):
     def finish(self) -> None:
         """Send the last safe commands: level and sinking in the air, zero thrust otherwise; nothing to idle drones."""
         for index in range(len(self.robots)):
-            self._send(index, self._pilot.last_command)
-        end = time.monotonic() + _ENDING_TIME
-        for publisher in self._command_publishers:
-            publisher.wait_for_all_acked(Duration(seconds=max(end - time.monotonic(), 0.0)))
+            self._commands.send(index, self._pilot.last_command)
+        self._commands.flush()
 
     def destroy_node(self) -> None:
         """Destroy what belongs to the node, too."""
@@ -188,12 +144,9 @@ class ControllerNode(ProgramNode):
         super().destroy_node()  # type: ignore[no-untyped-call]
 
     def _connect(self, index: int, robot: str) -> None:
-        goal, trajectory, command, report = (
-            interfaces.GOAL, interfaces.TRAJECTORY, interfaces.COMMAND, interfaces.TELEMETRY
-        )  # fmt: skip
+        goal, trajectory, report = interfaces.GOAL, interfaces.TRAJECTORY, interfaces.TELEMETRY
         for topic, take in ((goal, self._on_goal), (trajectory, self._on_trajectory)):
             self.create_subscription(topic.kind, topic.of(robot), partial(take, index), topic.subscribe, raw=True)
-        self._command_publishers.append(self.create_publisher(command.kind, command.of(robot), command.publish))
         self._telemetry_publishers.append(self.create_publisher(report.kind, report.of(robot), report.publish))
 
     def _flies(self, index: int) -> bool:
@@ -207,7 +160,7 @@ class ControllerNode(ProgramNode):
 
     def _take_off(self, index: int) -> None:
         self._rivals.look(index)
-        self._pilot.take_off(index, self._takeoff_height)
+        self._pilot.take_off(index, self._setup.takeoff_height)
         self._rivals.starting.add(index)
 
     def _arm(self, index: int, wanted: bool) -> str:
@@ -216,7 +169,12 @@ class ControllerNode(ProgramNode):
         asked = self._links[index].arm(wanted)
         if not self._pilot.is_opening(index):
             return asked
-        return f"{asked}; the thrust lock opens: let others fly the drone after {self._unlock_time:.2f} s"
+        return f"{asked}; the thrust lock opens: let others fly the drone after {self._unlock_time():.2f} s"
+
+    def _unlock_time(self) -> float:
+        """Return how long it takes until others may fly a drone that is armed, s."""
+        # zero thrust from the next tick on, the tick after it, the notice that no more follows
+        return self._setup.policy.unlock_time + 2.0 * self._certificate.period + SETTLING_TIME
 
     def _hand_over(self, index: int) -> None:
         """Fall silent about a drone, and let it stay where it is if its link has a way to.
@@ -235,7 +193,7 @@ class ControllerNode(ProgramNode):
         Raises:
             FlatsatError: it does.
         """
-        if self._last_resort.since[index] is not None:
+        if self._commands.last_resort.since[index] is not None:
             raise FlatsatError(_BROKEN)
 
     def _take_poses(self) -> None:
@@ -270,7 +228,7 @@ class ControllerNode(ProgramNode):
             raise
 
     def _take_voltage(self, index: int, voltage: float) -> None:
-        self._pilot.note_battery(index, voltage, self._vehicles[index].battery, self._stamps.now)
+        self._pilot.note_battery(index, voltage, self._setup.vehicles[index].battery, self._stamps.now)
 
     def _set_reference(self, index: int, reference: Trajectory) -> None:
         """Let a drone follow a reference from now on, and take off for it if it rests.
@@ -301,7 +259,7 @@ class ControllerNode(ProgramNode):
                 self._log.report(self.robots[drone], text)
         tick = self._step()
         for index in range(len(self.robots)):
-            self._send(index, self._silence if tick is None else tick.command)
+            self._commands.send(index, _silent if tick is None else tick.command)
         if tick is not None:
             self._follow(tick)
 
@@ -313,35 +271,9 @@ class ControllerNode(ProgramNode):
                 return self._pilot.tick(self._stamps.now)
             self._broken = True
             for index in range(len(self.robots)):
-                self._last_resort.begin(index)
+                self._commands.last_resort.begin(index)
             self.get_logger().fatal("every drone in the air goes down level, by what was sent before")
         return None
-
-    @staticmethod
-    def _silence(_: int) -> None:
-        """Say nothing to a drone."""
-
-    def _send(self, index: int, command_of: Callable[[int], Command | None]) -> None:
-        """Send a drone its command, or its last resort where there is none to be had."""
-        robot = self.robots[index]
-        if self._last_resort.since[index] is None:
-            with self.faults.contain(f"{robot}/command"):
-                command = command_of(index)
-                if command is not None:
-                    vehicle = self._vehicles[index]
-                    setpoint = setpoint_from_command(*command, vehicle, self._backends.of(index), self._yaw_mode)
-                    self._publish(index, setpoint)
-                    self._last_resort.note(index, setpoint)
-                return
-            self._last_resort.begin(index)
-        with self.faults.contain(f"{robot}/last resort"):
-            last = self._last_resort.setpoint(index)
-            if last is not None:
-                self._publish(index, last)
-
-    def _publish(self, index: int, setpoint: WireSetpoint) -> None:
-        messages.fill_command(self._command, setpoint)
-        self._command_publishers[index].publish(self._command)
 
     def _follow(self, tick: Tick) -> None:
         """Tell everybody what a tick brought about."""
@@ -393,7 +325,7 @@ class ControllerNode(ProgramNode):
         reports = []
         for index, robot in enumerate(self.robots):
             values: dict[str, object] = {"refused": self.faults.count(robot), "last refusal": self.faults.newest(robot)}
-            if self._last_resort.since[index] is not None:
+            if self._commands.last_resort.since[index] is not None:
                 reports.append(Report(robot, robot, Level.ERROR, f"LAST RESORT: {_BROKEN}", values))
             elif self._last is not None:
                 values |= {"tick median us": f"{np.median(durations):.0f}", "tick max us": f"{durations.max():.0f}"}
@@ -401,6 +333,10 @@ class ControllerNode(ProgramNode):
                     rivals, now = self._rivals.of(index), self._stamps.now
                     reports.append(report_flight(robot, index, self._pilot, self._last, now, rivals, values))
         return reports
+
+
+def _silent(_: int) -> None:
+    """Say nothing to a drone."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:

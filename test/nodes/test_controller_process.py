@@ -181,7 +181,7 @@ def test_one_drone_whose_command_fails_goes_down_alone(
 ) -> None:
     lab = room()
     lab.hover("cf1", "cf2")
-    lab.node._vehicles[0] = None  # type: ignore[call-overload]
+    lab.node._setup.vehicles[0] = None  # type: ignore[call-overload]
     heights = lab.run(5.0)
     assert lab.fleet.bodies.grounded.tolist() == [True, False]
     assert np.abs(heights[:, 1] - 1.0).max() < 0.1

@@ -64,9 +64,9 @@ class Room:
         self._ticks, self.set_by, self.frame, self.blind = 0, 0, "world", set()  # type: ignore[var-annotated]
         self.node._stamps = StampClock(2, lambda: EPOCH + self.set_by + self._steady(), self._steady)
         self.node._log = FlightLog(self.node.get_logger(), lambda: self._ticks * self.period)
-        self.node._last_resort._clock = self.node._rivals._clock = lambda: self._ticks * self.period
+        self.node._commands.last_resort._clock = self.node._rivals._clock = lambda: self._ticks * self.period
         self.wires = [Wire(lambda s, i=i: self.fleet.command(i, *s)) for i in (0, 1)]  # type: ignore[misc]
-        self.node._command_publishers = self.wires  # type: ignore[assignment]
+        self.node._commands._publishers = self.wires  # type: ignore[assignment]
         self._callbacks = {s.topic_name: s.callback for s in self.node.subscriptions}
 
     def _steady(self) -> int:

@@ -90,11 +90,11 @@ class _Attacked:
         node, self._ticks = self.room.node, self.room._ticks
         self._places = self.room.fleet.bodies.position.copy()
         limits = node._certificate.limits
-        self._wires = [_Recorded(limits.tilt_max, vehicle.pwm_max) for vehicle in node._vehicles]
-        node._command_publishers = self._wires  # type: ignore[assignment]
+        self._wires = [_Recorded(limits.tilt_max, vehicle.pwm_max) for vehicle in node._setup.vehicles]
+        node._commands._publishers = self._wires  # type: ignore[assignment]
         node.faults.note = self._note  # type: ignore[method-assign]
         self._pilot = pickle.dumps(vars(node._pilot))
-        resort = {name: value for name, value in vars(node._last_resort).items() if name != "_clock"}
+        resort = {name: value for name, value in vars(node._commands.last_resort).items() if name != "_clock"}
         self._last_resort, self._parameters = pickle.dumps(resort), dict(node._parameters)
         self._refused = 0
 
@@ -125,7 +125,7 @@ class _Attacked:
         node, room = self.room.node, self.room
         vars(node._pilot).clear()
         vars(node._pilot).update(pickle.loads(self._pilot))
-        vars(node._last_resort).update(pickle.loads(self._last_resort))
+        vars(node._commands.last_resort).update(pickle.loads(self._last_resort))
         node._parameters = dict(self._parameters)
         room._ticks, node._broken, self._refused = self._ticks, False, 0
         node._durations.clear()

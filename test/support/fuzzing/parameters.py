@@ -60,7 +60,7 @@ class _Brief(ControllerNode):
     def __init__(self) -> None:
         super().__init__()
         pilot, period = self._pilot, self._certificate.period
-        self.last_resort, self.done = self._last_resort, True
+        self.last_resort, self.done = self._commands.last_resort, True
         for number in range(8):
             now = period * number
             for index in range(len(self.robots)):

@@ -1,0 +1,80 @@
+"""Set-points of N drones on their way to the wire, and what is left to send when there are none to be had."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+from geometry_msgs.msg import Twist
+from rclpy.duration import Duration
+
+from flatsat_ros.base.constants import GRAVITY
+from flatsat_ros.crazyflie.vehicle import VehicleProfile
+from flatsat_ros.crazyflie.wire import Backend, WireSetpoint, YawMode, setpoint_from_command
+from flatsat_ros.flight.tick import Command
+from flatsat_ros.nodes.last_resort import LastResort
+from flatsat_ros.nodes.ros import interfaces, messages
+from flatsat_ros.nodes.ros.runtime import ProgramNode
+
+# how long the last commands may take to be acknowledged, s
+_ENDING_TIME = 0.5
+
+
+class Commands:
+    """Publishes commands drone by drone: where that fails for one, that one goes down by its last resort.
+
+    Attributes:
+        last_resort: of each drone.
+    """
+
+    def __init__(
+        self,
+        node: ProgramNode,
+        robots: Sequence[str],
+        vehicles: Sequence[VehicleProfile],
+        backend_of: Callable[[int], Backend],
+        yaw_mode: YawMode,
+    ) -> None:
+        """Begin with nothing sent.
+
+        Args:
+            node: publishes.
+            robots: names of the drones.
+            vehicles: their profiles.
+            backend_of: of crazyswarm2, of a drone by its number.
+            yaw_mode: what the yaw on the wire means.
+        """
+        hover = [float(vehicle.pwm_from_thrust(GRAVITY)) for vehicle in vehicles]
+        self.last_resort = LastResort(hover, keeps_yaw=yaw_mode is YawMode.ANGLE)
+        self._node, self._robots, self._vehicles = node, robots, vehicles
+        self._backend_of, self._yaw_mode = backend_of, yaw_mode
+        self._message, topic = Twist(), interfaces.COMMAND
+        self._publishers = [node.create_publisher(topic.kind, topic.of(robot), topic.publish) for robot in robots]
+
+    def send(self, index: int, command_of: Callable[[int], Command | None]) -> None:
+        """Send a drone its command, or its last resort where there is none to be had."""
+        robot = self._robots[index]
+        if self.last_resort.since[index] is None:
+            with self._node.faults.contain(f"{robot}/command"):
+                command = command_of(index)
+                if command is not None:
+                    vehicle = self._vehicles[index]
+                    setpoint = setpoint_from_command(*command, vehicle, self._backend_of(index), self._yaw_mode)
+                    self._publish(index, setpoint)
+                    self.last_resort.note(index, setpoint)
+                return
+            self.last_resort.begin(index)
+        with self._node.faults.contain(f"{robot}/last resort"):
+            last = self.last_resort.setpoint(index)
+            if last is not None:
+                self._publish(index, last)
+
+    def flush(self) -> None:
+        """Wait until what was sent is acknowledged, for a limited time."""
+        end = time.monotonic() + _ENDING_TIME
+        for publisher in self._publishers:
+            publisher.wait_for_all_acked(Duration(seconds=max(end - time.monotonic(), 0.0)))
+
+    def _publish(self, index: int, setpoint: WireSetpoint) -> None:
+        messages.fill_command(self._message, setpoint)
+        self._publishers[index].publish(self._message)
