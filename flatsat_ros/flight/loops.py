@@ -56,7 +56,9 @@ class Loop(Protocol):
             thorough: they are for detectors that judge by them.
         """
 
-    def aim(self, now: float, estimated: FloatArray, reference: FloatArray, flying: np.ndarray) -> Aim:
+    def aim(
+        self, now: float, estimated: FloatArray, reference: FloatArray, flying: np.ndarray, level: np.ndarray
+    ) -> Aim:
         """Return what the law acts on at a tick.
 
         Args:
@@ -64,6 +66,7 @@ class Loop(Protocol):
             estimated: (N, 9) position, velocity, disturbance: m, m/s, m/s^2.
             reference: (N, 9) position, velocity, acceleration.
             flying: (N,) who is steered.
+            level: (N,) who is in the air without being steered.
         """
 
     def assess(self, output: Output, acceleration: FloatArray, flying: np.ndarray) -> Assessment:
@@ -99,7 +102,9 @@ class DirectLoop:
         """Return the estimates."""
         return self._estimator.estimate(now)
 
-    def aim(self, now: float, estimated: FloatArray, reference: FloatArray, flying: np.ndarray) -> Aim:
+    def aim(
+        self, now: float, estimated: FloatArray, reference: FloatArray, flying: np.ndarray, level: np.ndarray
+    ) -> Aim:
         """Return estimate and reference."""
         state = estimated[:, :6]
         most = np.minimum(self._most, _COMPENSATED_SHARE * self._references.margin)
@@ -157,12 +162,14 @@ class PredictedLoop:
             return self._predictor.estimated
         return estimator.estimate(now)
 
-    def aim(self, now: float, estimated: FloatArray, reference: FloatArray, flying: np.ndarray) -> Aim:
-        """Predict from the model; where a drone is not steered, or not where the model is, that begins anew."""
+    def aim(
+        self, now: float, estimated: FloatArray, reference: FloatArray, flying: np.ndarray, level: np.ndarray
+    ) -> Aim:
+        """Predict from the model; where a drone is not in the air, or not where the model is, that begins anew."""
         predictor = self._predictor
         self._steady = np.count_nonzero(flying) == flying.size
         if np.count_nonzero(self._monitors.lost) or not self._steady:
-            predictor.restart(~flying | self._monitors.lost, estimated, now)
+            predictor.restart(~(flying | level) | self._monitors.lost, estimated, now)
         self._now, self._reference = now, reference
         state = predictor.state
         self._error = state - reference[:, :6]

@@ -22,6 +22,9 @@ from flatsat_ros.certificate.flight_loop import Design, FlightLoop, split
 _P, _V, _A, _AA, _D, _U = range(
     6
 )  # entries of an axis; from _U on the commands, newest first, then what f was for each
+# poses farther apart than this, s, correct velocity and disturbance by no more than these over the time between and its
+# square: that is as stable as the observer is at its own period
+_RARE, _SLOW = 0.1, (0.8, 0.2)
 # ticks farther apart than this, s, leave nothing to predict from
 _GAP = 0.5
 # an interval between ticks that differs from the period by no more than this, s, is the period
@@ -74,6 +77,7 @@ class Predictor:
         self._now = -math.inf
         self._since = np.full(count, -np.inf)  # when each began
         self._stamp = np.full(count, -np.inf)  # of the newest pose
+        self._gap, self._rare = np.zeros(count), False  # between the two newest poses, s; whether one is long
         self._anchor = np.zeros((count, 3))  # the newest position less the model's way until it was measured, m
         self.innovation, self.age = np.zeros((count, 3)), np.full(count, np.inf)
 
@@ -147,6 +151,10 @@ class Predictor:
             innovation = np.where(used[:, np.newaxis], innovation, 0.0)
         self.innovation = innovation
         moving, disturbing = self._observer
+        if self._rare:  # gains for poses at every tick would swing where they come rarely
+            gap = np.maximum(self._gap, self._period)[:, np.newaxis]
+            speed, push = np.minimum(moving[1], _SLOW[0] / gap), np.minimum(disturbing, _SLOW[1] / (gap * gap))
+            moving, disturbing = np.stack(np.broadcast_arrays(moving[0], speed), axis=1), push
         shift = moving * innovation[:, np.newaxis]
         self._corrections += shift[:, _P]
         state[:, :_A] += shift
@@ -161,9 +169,10 @@ class Predictor:
         fresh = np.asarray((stamps != self._stamp) & (stamps >= self._since))
         if not np.count_nonzero(fresh):
             return fresh
-        self._stamp = stamps.copy()
-        moments = self._moments
+        moments, before, self._stamp = self._moments, np.maximum(self._stamp, self._since), stamps.copy()
         stamps = np.maximum(stamps, moments[0].time)
+        self._gap = np.where(fresh, np.minimum(stamps - before, _GAP), self._gap)
+        self._rare = float(self._gap.max()) > _RARE
         if float(stamps.min()) > moments[-2].time:  # all within the last period
             (first, _, _, left), (last, way, arrived, _) = moments[-2], moments[-1]
             span, back = np.float64(last - first), last - stamps[:, np.newaxis]

@@ -64,6 +64,8 @@ class Senses:
         self._ticks = 0
         self._sight: Sight | None = None  # of the last look; None: something has changed since
         self._gravity = gravity
+        flight = certificate.flight
+        self._tubes = None if flight is None else [axis.tube.position for axis in flight.axes]  # m
         self._policy = policy
         self._touch_down = TouchDownDetector(count)
         self._lift_off = LiftOffDetector(count, policy.lift_off_time)
@@ -200,13 +202,16 @@ class Senses:
         """
         if not self.looked:
             return []
-        correction = self._acceleration[:, :2] - base[:, 6:8]
+        correction = self._acceleration - base[:, 6:]
+        if self._tubes is not None:  # what a stiff law corrects inside its tube is no swinging
+            sides = np.hypot(error[:, 0], error[:, 1]) > self._tubes[0]
+            correction = correction * np.stack([sides, sides, np.abs(error[:, 2]) > self._tubes[1]], axis=1)
         # without what its own motion through still air makes of it
         push = disturbance[:, :2] + self._policy.drag * (error[:, 3:5] + base[:, 3:5])
         blown, swinging, opposed = self._limit.look(
-            now, self._acceleration, correction, push, error[:, :2], self._free, landing
+            now, self._acceleration, correction[:, :2], push, error[:, :2], self._free, landing
         )
-        bobbing = self._bobbing.look(now, self._acceleration[:, 2] - base[:, 8], self._free)
+        bobbing = self._bobbing.look(now, correction[:, 2], self._free)
         if not np.count_nonzero(blown | swinging | opposed | bobbing | self._blown):
             return []
         for index in map(int, np.flatnonzero(blown & ~self._blown)):

@@ -96,11 +96,11 @@ class ControlStep:
             if flying[index]:
                 guidance.land(index, now)
                 self.reports.append(Report(index, f"{text}: it brakes and lands"))
-        aim = parts.loop.aim(now, estimated, reference, flying)
+        level = (mode == _LEVEL) | (mode == _DESCEND)
+        aim = parts.loop.aim(now, estimated, reference, flying, level)
         hurried = senses.thrust.hurried
         adapting = flying if hurried is None else flying & ~hurried
         output = parts.steering.step(aim.state, estimator.yaw, aim.base, flying, adapting)
-        level = (mode == _LEVEL) | (mode == _DESCEND)
         turned, kept = flying, level
         unseen = parts.orientations.unseen(now)
         if np.count_nonzero(unseen):

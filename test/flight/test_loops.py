@@ -228,3 +228,21 @@ def test_whoever_is_outside_although_all_seems_as_assumed_brakes_and_lands(certi
         for text in told
     )
     assert room.fleet.poses()[0][0, 2] < 0.9
+
+
+def test_a_stiff_law_in_gusts_is_not_taken_for_one_that_swings(certificate: Certificate) -> None:
+    flown = Room(certificate, wind=Wind(gust=2.0)).fly(10.0)
+    assert (flown.column("mode")[flown.times > 1.0] == Mode.FLY).all()
+    assert np.linalg.norm(flown.error[flown.times > 1.0], axis=1).max() < 0.3
+
+
+def test_with_two_poses_in_a_second_the_drone_does_not_build_up_a_swing(certificate: Certificate) -> None:
+    room = Room(certificate)
+    room.fly(2.0)
+    seen = room.measurements
+    room.measurements = lambda time: [s for s in seen(time) if round(100.0 * s.stamp) % 50 == 0]  # type: ignore[method-assign]
+    flown = room.fly(8.0)
+    # it sinks a little whenever it is level, and is given up at last
+    place = flown.error + np.array([tick.reference[0, :3] for tick in flown.ticks])
+    assert np.abs(place[:, :2]).max() < 0.1
+    assert place[:, 2].max() < 1.05
