@@ -232,7 +232,7 @@ def test_a_clock_that_is_set_in_flight_moves_no_drone(
 def test_a_take_off_whose_poses_pause_is_carried_out_and_every_transition_is_logged(
     room: Callable[..., Room], capfd: pytest.CaptureFixture[str]
 ) -> None:
-    lab = room()
+    lab = room("-p", "unlock_time:=0.6")  # longer than the poses need to be stale
     lab.run(0.5)
     assert lab.ask("cf1/flatsat/takeoff").success
     lab.run(0.1)
@@ -250,7 +250,7 @@ def test_a_take_off_whose_poses_pause_is_carried_out_and_every_transition_is_log
 def test_a_take_off_that_ends_before_it_begins_is_told_as_an_error(
     room: Callable[..., Room], capfd: pytest.CaptureFixture[str]
 ) -> None:
-    lab = room()
+    lab = room("-p", "unlock_time:=0.6")  # longer than the poses need to be stale
     lab.run(0.5)
     assert lab.ask("cf1/flatsat/takeoff").success
     lab.run(0.1)
