@@ -25,6 +25,7 @@ from flatsat_ros.certificate.flight import Flight
 from flatsat_ros.certificate.robust import Robust
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.certificate.sets import Sets
+from flatsat_ros.certificate.verified import is_verified, remember
 from flatsat_ros.law.input_set import InputSet
 
 # Versions of the file: the second has a flight section.
@@ -244,7 +245,7 @@ class Certificate:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Certificate:
-        """Read a certificate and verify it.
+        """Read a certificate and verify it, unless its content was verified on this machine before.
 
         Args:
             path: of a YAML file; `load_certificate` takes the names of packaged certificates too.
@@ -256,7 +257,11 @@ class Certificate:
         document = read_yaml(path)
         try:
             certificate = cls.from_document(document)
-            certificate.verify()
+            if certificate.flight is None:
+                certificate.verify()
+            elif not is_verified(document):  # seconds, for which nobody wants to wait at every start
+                certificate.verify()
+                remember(document)
         except FlatsatError as error:
             raise located(path, error) from error
         return certificate
