@@ -99,9 +99,16 @@ fuzz: build  ## a million bad inputs for whatever reads what others wrote, into 
 identification: setup  ## predictions and intervals on real flights, DATA=FOLDER of CSV logs of one drone, and on simulated ones
 	OMP_NUM_THREADS=1 $(BIN)/python bench/identification.py $(DATA) $(ARGS)
 
-certificates: build  ## the paper's certificates in config/, computed again
+certificates: build  ## the certificates in config/, computed again; those of whole loops from stored designs, without a search
 	$(SOURCED) $(EXECUTABLES)/synthesize --paper all --output-dir config --force
 	$(SOURCED) $(EXECUTABLES)/synthesize $(CF21) --output config/cf21_50hz.yaml --force
+	$(SOURCED) OMP_NUM_THREADS=1 $(EXECUTABLES)/synthesize --designs config/designs/flight.yaml --output-dir config --force
+
+designs: build  ## search designs of flight certificates for the packaged profiles again, into out/designs/; minutes each
+	mkdir -p out/designs
+	$(SOURCED) for vehicle in brushless cf21 cf21_plus cf2x_2025 thrust_kit; do for gain in 1.5 4; do \
+		OMP_NUM_THREADS=1 $(EXECUTABLES)/synthesize --flight --vehicle $$vehicle --gain-max $$gain --output out/designs/$${vehicle}_$$gain.yaml --force $(ARGS) || exit; \
+	done; done
 
 lint: setup  ## style, format and types: ruff, mypy --strict over the whole package
 	$(BIN)/ruff check .

@@ -12,7 +12,7 @@ from flatsat_ros.base.arrays import FloatArray
 _CHUNK = 16
 
 # A loop has forgotten once so little is left of every state, relatively.
-_FORGOTTEN = 1e-12
+_FORGOTTEN = 1e-9
 
 # Periods after which a loop that still remembers is given up.
 _PERIODS_MAX = 20_000
@@ -23,8 +23,8 @@ class Answers:
     """Bounds of what signals C z answer to inputs, z+ = A z + B w, and to starts z(0), the columns of Z.
 
     Attributes:
-        sums: (p + q, m) sum_i |C A^i B|.
-        peaks: (p + q, k) max_i |C A^i Z|.
+        sums: (p, m) sum_i |C A^i B|.
+        peaks: (p, k) max_i |C A^i Z|.
         vertex_sums: (V, p, m) the sums, with each term moved by its derivative in the direction of a vertex.
         vertex_peaks: (V, p, k) likewise.
     """
@@ -44,8 +44,7 @@ def answers(
     A: FloatArray,
     B: FloatArray,
     starts: FloatArray,
-    tracked: FloatArray,
-    others: FloatArray,
+    signals: FloatArray,
     steps: FloatArray,
     kicks: FloatArray,
     vertices: FloatArray,
@@ -56,8 +55,7 @@ def answers(
         A: (n, n).
         B: (n, m).
         starts: (n, k) Z.
-        tracked: (p, n) rows C of which derivatives are taken.
-        others: (q, n) rows C of which none are.
+        signals: (p, n) rows C.
         steps: (d, n, n) derivatives of A by each parameter.
         kicks: (d, n, m) those of B.
         vertices: (V, d) points of the parameters.
@@ -65,7 +63,7 @@ def answers(
     Returns:
         The bounds, infinite where A is not stable.
     """
-    n, p, q, m = len(A), len(tracked), len(steps), B.shape[1]
+    n, p, q, m = len(A), len(signals), len(steps), B.shape[1]
     columns = np.concatenate([B, starts], axis=1)
     kicks = np.concatenate([kicks, np.zeros((q, n, starts.shape[1]))], axis=2)
     powers, slopes = [np.eye(n)], [np.zeros((q, n, n))]
@@ -81,15 +79,15 @@ def answers(
     bent = sum(float(reach @ np.abs(slope).sum(axis=2).max(axis=1)) for slope in slopes[:-1])
 
     # rows C A^i and their derivatives; and all of A^i itself, to see what is forgotten
-    rows, turns, spin = np.concatenate([tracked, others, np.eye(n)]), np.zeros((q, p, n)), np.zeros((q, n, n))
-    plain, vertex = _Gathered((len(rows) - n,), columns.shape[1], m), _Gathered((len(vertices), p), columns.shape[1], m)
-    weight = np.zeros(len(rows) - n)
+    rows, turns, spin = np.concatenate([signals, np.eye(n)]), np.zeros((q, p, n)), np.zeros((q, n, n))
+    plain, vertex = _Gathered((p,), columns.shape[1], m), _Gathered((len(vertices), p), columns.shape[1], m)
+    weight = np.zeros(p)
     for _ in range(_PERIODS_MAX // _CHUNK):
         values = rows[:-n] @ moved
         plain.add(values)
-        vertex.add(values[:p] + np.tensordot(vertices, turns @ moved + rows[:p] @ turned, axes=1))
+        vertex.add(values + np.tensordot(vertices, turns @ moved + rows[:p] @ turned, axes=1))
         weight += np.abs(rows[:-n]).sum(axis=1) * ((1 + q) * size + bent)
-        weight[:p] += size * np.tensordot(reach, np.abs(turns).sum(axis=2), axes=1)
+        weight += size * np.tensordot(reach, np.abs(turns).sum(axis=2), axes=1)
         turns = turns @ powers[-1] + rows[:p] @ slopes[-1]
         spin = spin @ powers[-1] + rows[-n:] @ slopes[-1]
         rows = rows @ powers[-1]
@@ -97,7 +95,7 @@ def answers(
         if left < _FORGOTTEN:
             biggest = np.abs(columns).max(axis=0) + np.tensordot(reach, np.abs(kicks).max(axis=1), axes=1)
             rest = np.outer(weight, biggest) * left / (1.0 - left)
-            return Answers(*plain.with_rest(rest), *vertex.with_rest(rest[:p]))
+            return Answers(*plain.with_rest(rest), *vertex.with_rest(rest))
         if not left < 1e12:
             break
     infinite = (np.full((*shape, k), np.inf) for shape in (plain.shape, vertex.shape) for k in (m, starts.shape[1]))

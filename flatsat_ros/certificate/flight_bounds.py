@@ -16,7 +16,7 @@ _PIECES = 2
 _ROUNDING = 1e-8
 
 # By how much, relatively, the bounds of the loop's own signals are above what they imply.
-_SLACK = 1e-4
+_SLACK = 1e-3
 
 # Rounds in which the bounds of the loop's own signals must settle.
 _ITERATIONS = 1000
@@ -100,13 +100,13 @@ class Bounds:
             growth * loop.matrix(gain),
             growth * self._inputs,
             starts,
-            tracked,
-            closed(others),
+            np.concatenate([tracked, closed(others)]),
             growth * closed(steps),
             growth * kicks,
             self._vertices,
         )
-        self.answers.sums[4:, self._part["change"]] += np.abs(others[:, size:])
+        for sums in (self.answers.sums, self.answers.vertex_sums):
+            sums[..., 4:, self._part["change"]] += np.abs(others[:, size:])
 
     def amplitudes(self, drive: float, **others: float) -> FloatArray:
         """Return bounds (columns,) of all inputs, with what interpolation adds to those that act within a period."""
@@ -183,7 +183,7 @@ class Bounds:
 
         Args:
             signals: (rows,) bounds of the signals of the middle at its middle gain.
-            at_vertices: (V, 4) bounds of the tracked ones to first order, at the vertices.
+            at_vertices: (V, rows) bounds of them to first order, at the vertices.
             error: bound of the drive at the last row.
             rate: of D', m/s^3.
             model: bound of the drive at the nominal plant's input, m/s^2.
@@ -204,26 +204,26 @@ class Bounds:
             wrong = self.amplitudes(drive, pulse=late * cell.port_gain * difference, push=push)
             wrong[self._part["plant"]] += late_shape * difference
             rest = sums @ wrong
-            whole = signals + sums[:, changes] * change + sums[:, noise] * late_pose + rest
+            plain = signals + sums[:, changes] * change + sums[:, noise] * late_pose + rest
             leak = cell.growth[:, -1] * (h * (drive + error) + late * cell.port_gain * difference)
             leak += cell.growth @ np.abs(E) * h * (h * rate + push)
-            seen, bend = self._between(whole, leak)
             left, _ = self._between(rest, leak)
             second = self.amplitudes(
-                float(steady @ left + self._changing @ seen),
+                float(steady @ left + self._changing @ self._between(plain, leak)[0]),
                 pulse=late * (cell.port_gain * rest[4] + cell.port_gain_error * difference),
                 push=push,
             )
             second[self._part["plant"]] += late_shape * difference
             first = (at_vertices + at[:, :, changes] * change + at[:, :, noise] * late_pose).max(axis=0)
-            tracked = np.minimum(whole[:4], first + sums[:4] @ second)
+            whole = np.minimum(plain, first + sums @ second)
+            seen, bend = self._between(whole, leak)
             bend += h * rate + push
             jolt = np.abs(E) * push
             jolt[-1] += drive + error + (cell.port_gain * difference if late > 0.0 else 0.0)
             pose = self._late_pose(whole, leak, jolt, rate, model, other_age) if other_age > 0.0 else 0.0
-            velocity = tracked[1] + h / 2.0 * bend  # half a period from a tick at most
-            following = [moved @ seen, whole[4], self._deviation * tracked[2], pose, cell.drag_error * velocity]
-            return tracked, np.array(following), float(bend)
+            velocity = whole[1] + h / 2.0 * bend  # half a period from a tick at most
+            following = [moved @ seen, whole[4], self._deviation * whole[2], pose, cell.drag_error * velocity]
+            return whole[:4], np.array(following), float(bend)
 
         point = np.zeros(5)
         for _ in range(_ITERATIONS):

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flatsat_ros.cli import shell
+from flatsat_ros.cli.synthesize_flight import write_designs, write_flight
 
 if TYPE_CHECKING:
     from flatsat_ros.base.arrays import FloatArray
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
 _TILT_MAX_DEG = 10.0
 _RATE = 1.25
 _PERIOD = 0.1
+
+# what goes with --flight
+_FLIGHT = ("vehicle", "assume", "seconds", "tilt_max_deg", "gain_max", "period", "name", "output", "force")
 
 _PICTURES = (".png", ".pdf", ".svg")
 
@@ -72,6 +76,15 @@ def _parser() -> shell.Parser:
     parser.add_argument(
         "--verify", type=shell.path, metavar="FILE", help="only check this certificate and print its margins"
     )
+    flight = parser.add_argument_group("certificates of the whole loop that flies")
+    flight.add_argument(
+        "--flight", action="store_true", help="search and prove a tube around references; needs --vehicle"
+    )
+    flight.add_argument(
+        "--assume", metavar="still|gusts|FILE", help="about air, measurement and references (default: still)"
+    )
+    flight.add_argument("--seconds", type=float, metavar="S", help="of search for each kind of axes (default: 90)")
+    flight.add_argument("--designs", type=shell.path, metavar="FILE", help="prove stored designs again instead")
     paper = parser.add_argument_group("certificates of the paper")
     paper.add_argument("--paper", choices=("simulation", "experiment", "robust", "all"), help="compute these instead")
     paper.add_argument("--output-dir", type=shell.path, metavar="DIR", help="folder to write them to (default: config)")
@@ -86,6 +99,14 @@ def _run(arguments: argparse.Namespace) -> int:
     elif arguments.paper is not None:
         shell.require_alone(arguments, "paper", "output_dir", "force")
         _write_paper(arguments)
+    elif arguments.designs is not None:
+        shell.require_alone(arguments, "designs", "output_dir", "force")
+        _write_designs(arguments)
+    elif arguments.flight:
+        shell.require_alone(arguments, "flight", *_FLIGHT)
+        if arguments.output is not None:
+            shell.require_new(arguments.output, arguments.force)
+        write_flight(arguments, arguments.output)
     else:
         _write_own(arguments)
     return 0
@@ -116,14 +137,29 @@ def _write_paper(arguments: argparse.Namespace) -> None:
         _finish(makers[name](), target, None, None)
 
 
+def _write_designs(arguments: argparse.Namespace) -> None:
+    """Prove stored designs again."""
+    from flatsat_ros.synthesis.flight_design import read_designs
+
+    folder = arguments.output_dir or Path("config")
+    for name in read_designs(arguments.designs):
+        shell.require_new(folder / f"{name}.yaml", arguments.force)
+    write_designs(arguments.designs, folder)
+
+
 def _write_own(arguments: argparse.Namespace) -> None:
     from flatsat_ros.base.errors import FlatsatError, refusal
     from flatsat_ros.crazyflie.vehicle import load_vehicle
     from flatsat_ros.synthesis.wishes import Wishes
 
     output, plot = arguments.output, arguments.plot
+    for option in ("assume", "seconds"):
+        if getattr(arguments, option) is not None:
+            raise FlatsatError(f"--{option} goes with --flight")
     if arguments.output_dir is not None:
-        raise FlatsatError("--output-dir goes with --paper; a certificate of your own is written to --output")
+        raise FlatsatError(
+            "--output-dir goes with --paper and --designs; a certificate of your own is written to --output"
+        )
     if arguments.force and output is None and plot is None:
         raise FlatsatError("--force overwrites files; without --output and --plot none is written")
     for target in (output, plot):

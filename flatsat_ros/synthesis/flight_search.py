@@ -80,16 +80,20 @@ def command_noise(design: Design, plant: Plant, noise: float, gain: float = 1.0)
     return math.degrees(_PEAKS * noise * math.sqrt(total) / GRAVITY)
 
 
-def corner_boxes(plants: Plants) -> list[Box]:
+def corner_boxes(plants: Plants, share: float = _CELL) -> list[Box]:
     """Return small boxes at the corners of the plants, of the size of a cell, so that few cells cover what is found.
 
     Their drag is all of its interval, and so is a lag that changes in flight.
+
+    Args:
+        plants: all of them.
+        share: width of the boxes relative to that of the plants; 0 for the corners themselves.
     """
     box, names = plants.box, [name for name in plants.box.constants(plants.lag_varies) if name != "drag"]
     ends = []
     for name in names:
         low, high = box.spread[name]
-        width = (high - low) * _CELL
+        width = (high - low) * share
         ends.append(((low, low + width), (high - width, high)))
     corners = []
     for pick in itertools.product(*ends):

@@ -1,0 +1,104 @@
+"""`synthesize --flight` and `synthesize --designs`: certificates of the whole loop that flies."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from flatsat_ros.certificate.certificate import Certificate
+
+# what is taken when the user does not say otherwise
+_TILT_MAX_DEG, _GAIN_MAX, _PERIOD, _ASSUMED = 20.0, 4.0, 0.02, "still"
+_DISTURBANCE = 0.5  # m/s^2: drag in about 1 m/s of wind
+_RETURN_RATE, _EXCESS = 0.5, 0.15
+# share of the room of the gain that v0 may take of each of the two kinds of axes
+_SHARE = 0.6
+_SECONDS = 90.0  # of search, for each kind of axes
+
+
+def write_flight(arguments: argparse.Namespace, output: Path | None) -> None:
+    """Search, prove, write and print a flight certificate for a vehicle.
+
+    Raises:
+        FlatsatError: wishes cannot be met; the text names one to give up.
+    """
+    from flatsat_ros.base.constants import GRAVITY
+    from flatsat_ros.base.errors import FlatsatError, refusal
+    from flatsat_ros.crazyflie.vehicle import load_vehicle
+    from flatsat_ros.law.input_set import InputSet
+    from flatsat_ros.synthesis.flight_design import FlightDesign
+    from flatsat_ros.synthesis.flight_search import Goal
+    from flatsat_ros.synthesis.flight_trade import searched, sentence, trade
+    from flatsat_ros.synthesis.flight_wishes import assumed, sides, upright
+
+    if arguments.vehicle is None:
+        raise FlatsatError("--flight needs --vehicle, whose plants it is for")
+    vehicle = load_vehicle(arguments.vehicle)
+    assumptions, intervals = assumed(arguments.assume or _ASSUMED)
+    gain = _GAIN_MAX if arguments.gain_max is None else arguments.gain_max
+    if not gain >= 1.0:
+        raise refusal("--gain-max", gain, "", "at least 1")
+    tilt = _TILT_MAX_DEG if arguments.tilt_max_deg is None else arguments.tilt_max_deg
+    period = _PERIOD if arguments.period is None else arguments.period
+    limits = InputSet(vehicle.thrust_max, math.radians(tilt), GRAVITY)
+    margin = math.floor(1e3 * (limits.inner_radius - assumptions.acceleration)) / 1e3
+    room = margin - _DISTURBANCE
+    if not room > 0.0:
+        raise refusal(
+            "margin of the reference", margin, "m/s^2", f"above {_DISTURBANCE} m/s^2: give up tilt_max or thrust_max"
+        )
+    axes = []
+    for name, plants in (("horizontal", sides(vehicle, intervals)), ("vertical", upright(vehicle, intervals))):
+        goal = Goal(period, gain, _SHARE * room, assumptions)
+        print(f"searching the {name} design", file=sys.stderr, flush=True)
+        axes.append(searched(goal, plants, _progress(), arguments.seconds or _SECONDS))
+    design = FlightDesign(limits, gain, margin, _DISTURBANCE, _RETURN_RATE, _EXCESS, assumptions, *axes)
+    name = arguments.name or (output.stem if output else "unnamed")
+    certificate = design.certificate(
+        name, {"inputs": {"vehicle": vehicle.name, "assume": arguments.assume or _ASSUMED}}
+    )
+    _finish(certificate, output)
+    print("\n".join(trade(certificate)))
+    print(f"{vehicle.name} {sentence(certificate)}")
+
+
+def write_designs(path: Path, folder: Path) -> None:
+    """Prove all stored designs of a file again and write their certificates into a folder."""
+    from flatsat_ros.synthesis.flight_design import read_designs
+
+    for name, (vehicle, design) in read_designs(path).items():
+        begin = time.monotonic()
+        certificate = design.certificate(name, {"inputs": {"vehicle": vehicle, "design": "config/designs/flight.yaml"}})
+        certificate.save(folder / f"{name}.yaml")
+        print(f"{name}: {time.monotonic() - begin:.1f} s", flush=True)
+
+
+def _finish(certificate: Certificate, output: Path | None) -> None:
+    """Verify and write a certificate, and print every inequality with its slack."""
+    from flatsat_ros.synthesis.report import margins
+
+    print(f"certificate {certificate.name}")
+    print("\n".join(margins(certificate)))
+    if output is not None:
+        certificate.save(output)
+    print(f"  written to {output}" if output is not None else "  not written: give --output FILE")
+
+
+def _progress() -> Callable[[str], None]:
+    """Return what prints a better cost at most once a second."""
+    last = -math.inf
+
+    def told(words: str) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last >= 1.0:
+            last = now
+            print(f"  {words}", file=sys.stderr, flush=True)
+
+    return told

@@ -1,0 +1,125 @@
+"""What a flight certificate says to people: a sentence, what each wish costs, and what to give up if there is none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, replace
+
+from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.flight import Flight
+from flatsat_ros.certificate.flight_tube import Assumptions
+from flatsat_ros.synthesis.flight_design import AxisDesign
+from flatsat_ros.synthesis.flight_search import Goal, corner_boxes, search
+from flatsat_ros.synthesis.flight_wishes import Plants
+
+_GAINS = (1.0, 1.5, 2.5, 4.0)
+
+_UNITS = {
+    "disturbance_rate": "m/s^3",
+    "noise": "m",
+    "acceleration": "m/s^2",
+    "jerk": "m/s^3",
+    "snap": "m/s^4",
+    "pose_age": "s",
+}
+
+# Share of a wish that is given up to see whether the rest can be had, and how long that is looked for, s.
+_LESS = 0.5
+_LOOK = 10.0
+
+
+def sentence(certificate: Certificate) -> str:
+    """Return what the flight section promises, in one sentence."""
+    flight = _flight(certificate)
+    a, sides, upright = flight.assumptions, flight.horizontal.tube, flight.vertical.tube
+    return (
+        f"stays within {100.0 * sides.position:.1f} cm horizontally and {100.0 * upright.position:.1f} cm vertically "
+        f"of every reference with acceleration below {a.acceleration:g} m/s^2, jerk below {a.jerk:g} m/s^3 and snap "
+        f"below {a.snap:g} m/s^4, whatever gain between {flight.gain_min:g} and {flight.gain_max:g} is applied, while "
+        f"what disturbs it is below {flight.disturbance:g} m/s^2 and changes by less than "
+        f"{a.disturbance_rate:g} m/s^3, positions are measured to {1e3 * a.noise:g} mm and the newest is never older "
+        f"than {1e3 * a.pose_age:g} ms"
+    )
+
+
+def trade(certificate: Certificate) -> Iterator[str]:
+    """Return the lines of a table: what the worst corner's tube would be with other wishes."""
+    flight = _flight(certificate)
+    yield "  tube of the worst corner, horizontal and vertical, cm"
+    yield f"    {'as certified':<38}{_tubes(flight, flight.gain_max, flight.assumptions)}"
+    for gain in _GAINS:
+        yield f"    {f'any gain to {gain:g}':<38}{_tubes(flight, gain, flight.assumptions)}"
+    for field in fields(Assumptions):
+        value = getattr(flight.assumptions, field.name)
+        less = replace(flight.assumptions, **{field.name: 0.0})
+        words = f"{field.name} 0 instead of {value:g} {_UNITS[field.name]}"
+        yield f"    {words:<38}{_tubes(flight, flight.gain_max, less)}"
+    tubes = [axis.tube for axis in flight.axes]
+    nominal = math.hypot(*(tube.nominal for tube in tubes))
+    wrong = math.hypot(*(tube.disturbance for tube in tubes))
+    needed = nominal + wrong + flight.disturbance
+    yield f"  margin of the reference {flight.margin:.3g} m/s^2, of which {needed:.3g} are needed:"
+    yield f"    {nominal:.3g} for v0, {flight.disturbance:.3g} for the disturbance, {wrong:.3g} for its error"
+    tilt = math.degrees(math.asin(min(1.0, (needed + flight.assumptions.acceleration) / certificate.limits.gravity)))
+    yield f"  tilt limit {math.degrees(certificate.limits.tilt_max):.3g} deg, of which {tilt:.3g} are needed"
+
+
+def _tubes(flight: Flight, gain_max: float, assumptions: Assumptions) -> str:
+    values = []
+    for axis in flight.axes:
+        goal = Goal(axis.design.period, gain_max, math.inf, assumptions)
+        plants = Plants(axis.box, axis.lag_varies, axis.design.model)
+        values.append(100.0 * goal.worst(axis.design, plants, corner_boxes(plants, 0.0)).position)
+    return "".join(f"{value:8.2f}" for value in values)
+
+
+def _flight(certificate: Certificate) -> Flight:
+    assert certificate.flight is not None, "a flight certificate has its section"
+    return certificate.flight
+
+
+@dataclass(frozen=True)
+class _Less:
+    """A wish given up: in words, and what is left."""
+
+    words: str
+    goal: Goal
+    plants: Plants
+
+
+def searched(goal: Goal, plants: Plants, progress: Callable[[str], None], seconds: float) -> AxisDesign:
+    """Return what `search` finds, or refuse and name a wish without which there is something.
+
+    Raises:
+        FlatsatError: no design has a bounded tube; the text says what to give up.
+    """
+    try:
+        return search(goal, plants, progress, seconds)
+    except FlatsatError as error:
+        for less in _lesser(goal, plants):
+            try:
+                search(less.goal, less.plants, lambda _: None, _LOOK)
+            except FlatsatError:
+                continue
+            raise FlatsatError(f"no design has a bounded tube: there is one with {less.words}") from error
+        raise FlatsatError(f"{error}: of more than one of gain_max, pose_age and the plants' intervals") from error
+
+
+def _lesser(goal: Goal, plants: Plants) -> Iterator[_Less]:
+    """Return the wishes that may be given up, the cheapest first."""
+    age = _LESS * goal.assumptions.pose_age
+    if age > 0.0:
+        assumptions = replace(goal.assumptions, pose_age=age)
+        yield _Less(f"a pose_age of {age:g} s", replace(goal, assumptions=assumptions), plants)
+    gain = 1.0 + _LESS * (goal.gain_max - 1.0)
+    yield _Less(f"--gain-max {gain:g}", replace(goal, gain_max=gain), plants)
+    for name in plants.box.spread:
+        low, high = plants.box.spread[name]
+        middle, reach = (low + high) / 2.0, _LESS * (high - low) / 2.0
+        ends = middle - reach, middle + reach
+        box = replace(
+            plants.box, low=replace(plants.box.low, **{name: ends[0]}), high=replace(plants.box.high, **{name: ends[1]})
+        )
+        yield _Less(f"the {name} known to be within {ends[0]:.4g} and {ends[1]:.4g}", goal, replace(plants, box=box))
