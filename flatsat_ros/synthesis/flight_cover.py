@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_loop import Design
-from flatsat_ros.certificate.flight_tube import Assumptions, Tube, box_tube, cell_tube
+from flatsat_ros.certificate.flight_tube import Assumptions, Tube, cell_tube
 
 # How much one figure matters against another, per width relative to its value; only the number of cells depends on it.
 _WEIGHTS = {"lag": 1.0, "gain": 1.25, "frequency": 2.0, "damping": 1.0, "tilt": 0.1, "drag": 0.05}
@@ -85,7 +85,7 @@ def cover(
     if not worst.position < math.inf:
         raise FlatsatError("tube of a corner of the box = inf m: must be bounded, with other gains or a smaller box")
     cuts: list[str] = []
-    waiting = [box]
+    proved, waiting = Tube(0.0, 0.0, 0.0, 0.0), [box]
     while waiting:
         part = waiting.pop()
         whole, name = part.within_periods(design.period), _next_cut(part, design.period, lag_varies)
@@ -93,12 +93,12 @@ def cover(
             tube = cell_tube(design, part, gain_min, gain_max, assumptions, lag_varies)
             if not name or tube.position <= aim:
                 cuts.append("")
+                proved |= tube
                 continue
         cuts.append(name)
         waiting.extend(reversed(part.halves(name, design.period)))
         if len(cuts) > 2 * cells_max:
             raise FlatsatError(f"cells = more than {cells_max}: must be fewer, with a larger excess than {excess:g}")
-    proved = box_tube(design, box, cuts, gain_min, gain_max, assumptions, lag_varies)
     return Cover(tuple(cuts), proved, worst)
 
 

@@ -166,10 +166,13 @@ def _above(value: float) -> float:
 
 
 def ideal_block(stiffness: float, rate: float) -> tuple[float, FloatArray]:
-    """Return the largest alpha and a block P = [[., K1], [K1, K2]] with V' <= -alpha V in the ideal loop at k >= 1.
+    """Return the largest alpha and a block P = [[p, K1], [K1, K2]] with V' <= -alpha V in the ideal loop at k >= 1.
 
-    The lower row of the residual A'P + P A - 2 P B B'P + alpha P is (P11 - 2 K1 K2 + alpha K1,
-    2 K1 - 2 K2^2 + alpha K2); P11 makes its first entry 0, and both diagonal entries are at most 0.
+    With d = 2 K2^2 - 2 K1 - alpha K2 >= 0 the residual A'P + P A - 2 P B B'P + alpha P is at most 0 if
+    (p - 2 K1 K2 + alpha K1)^2 <= (2 K1^2 - alpha p) d. Some p satisfies that, and p = 2 K1 K2 - alpha K1 - alpha d / 2
+    does then, as long as the discriminant is not negative:
+
+        2 K1^2 - 2 K1 K2 alpha + (K1 + K2^2) alpha^2 / 2 - K2 alpha^3 / 4 >= 0
 
     Args:
         stiffness: K1, 1/s^2.
@@ -180,12 +183,13 @@ def ideal_block(stiffness: float, rate: float) -> tuple[float, FloatArray]:
     """
     square = rate * rate
     require(stiffness < square, "stiffness", stiffness, "1/s^2", f"below the square of the rate, {square:g}")
-    alpha = 2.0 * rate - 2.0 * stiffness / rate
-    if square >= 2.0 * stiffness:
-        alpha = min(alpha, 2.0 * stiffness / (rate + math.sqrt(square - 2.0 * stiffness)))
+    cubic = [-rate / 4.0, (stiffness + square) / 2.0, -2.0 * stiffness * rate, 2.0 * stiffness * stiffness]
+    roots = np.roots(cubic)
+    real = roots.real[np.abs(roots.imag) <= 1e-6 * np.abs(roots)]
+    alpha = min([2.0 * rate - 2.0 * stiffness / rate, *real[real > 0.0].tolist()])
     alpha = round_down(alpha * (1.0 - _ABOVE), _DIGITS)
-    corner = float(f"{2.0 * stiffness * rate - alpha * stiffness:.{DIGITS - 1}e}")
-    return alpha, np.array([[corner, stiffness], [stiffness, rate]])
+    corner = (2.0 * rate - alpha) * stiffness - alpha * (square - stiffness - alpha * rate / 2.0)
+    return alpha, np.array([[float(f"{corner:.{DIGITS - 1}e}"), stiffness], [stiffness, rate]])
 
 
 def read_designs(path: str | os.PathLike[str]) -> dict[str, tuple[str, FlightDesign]]:

@@ -86,12 +86,15 @@ def test_the_printed_saturation_leaves_the_input_set(v: Vector, true: float, pri
         assert not LIMITS.contains(np.multiply(papers, v))
 
 
-def test_the_printed_saturation_fails_for_most_random_vectors() -> None:
-    vectors = np.random.default_rng(0).normal(size=(2000, 3)) * 15.0
-    outside = [tuple(v) for v in vectors if not LIMITS.contains(v)]
-    factors = [printed_factor(v) for v in outside]
-    failures = sum(t is None or not LIMITS.contains(np.multiply(t, v)) for t, v in zip(factors, outside, strict=True))
-    assert failures / len(outside) > 0.5
+@pytest.mark.parametrize(("deviation", "share"), [(1.0, 0.0), (2.0, 0.01), (5.0, 0.32), (15.0, 0.89), (100.0, 0.99)])
+def test_the_printed_saturation_fails_for_most_vectors_that_are_large(deviation: float, share: float) -> None:
+    failures, vectors = 0, np.random.default_rng(0).normal(size=(1000, 3)) * deviation
+    for v in vectors:
+        if not LIMITS.contains(v):
+            factor = printed_factor(tuple(v))
+            failures += factor is None or not LIMITS.contains(np.multiply(factor, v))
+    assert failures / len(vectors) == pytest.approx(share, abs=0.04)
+    assert (failures == 0) == (share == 0.0)
 
 
 def test_the_largest_candidate_that_the_set_allows_is_the_true_factor_away_from_the_degenerate_directions() -> None:
