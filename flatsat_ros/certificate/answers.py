@@ -12,7 +12,7 @@ from flatsat_ros.base.arrays import FloatArray
 _CHUNK = 16
 
 # A loop has forgotten once so little is left of every state, relatively.
-_FORGOTTEN = 1e-9
+_FORGOTTEN = 1e-12
 
 # Periods after which a loop that still remembers is given up.
 _PERIODS_MAX = 20_000
@@ -25,7 +25,7 @@ class Answers:
     Attributes:
         sums: (p, m) sum_i |C A^i B|.
         peaks: (p, k) max_i |C A^i Z|.
-        vertex_sums: (V, p, m) the sums, with each term moved by its derivative in the direction of a vertex.
+        vertex_sums: (V, p, f) the first f sums, with each term moved by its derivative in the direction of a vertex.
         vertex_peaks: (V, p, k) likewise.
     """
 
@@ -47,6 +47,7 @@ def answers(
     signals: FloatArray,
     steps: FloatArray,
     kicks: FloatArray,
+    followed: int,
     vertices: FloatArray,
 ) -> Answers:
     """Return bounds of a loop's answers, exact but for what it has not forgotten at the end, and never below.
@@ -57,7 +58,8 @@ def answers(
         starts: (n, k) Z.
         signals: (p, n) rows C.
         steps: (d, n, n) derivatives of A by each parameter.
-        kicks: (d, n, m) those of B.
+        kicks: (d, n, f) those of the first columns of B.
+        followed: f, how many columns of B are followed to first order; starts are.
         vertices: (V, d) points of the parameters.
 
     Returns:
@@ -65,27 +67,31 @@ def answers(
     """
     n, p, q, m = len(A), len(signals), len(steps), B.shape[1]
     columns = np.concatenate([B, starts], axis=1)
+    bending = np.concatenate([B[:, :followed], starts], axis=1)
     kicks = np.concatenate([kicks, np.zeros((q, n, starts.shape[1]))], axis=2)
+    bends = [*range(followed), *range(m, columns.shape[1])]
     powers, slopes = [np.eye(n)], [np.zeros((q, n, n))]
     for _ in range(_CHUNK):
         slopes.append(slopes[-1] @ A + powers[-1] @ steps)
         powers.append(powers[-1] @ A)
     moved = np.concatenate([power @ columns for power in powers[:-1]], axis=1)
     turned = np.concatenate(
-        [slope @ columns + power @ kicks for power, slope in zip(powers[:-1], slopes[:-1], strict=True)], axis=2
+        [slope @ bending + power @ kicks for power, slope in zip(powers[:-1], slopes[:-1], strict=True)], axis=2
     )
+    moved_bending = np.concatenate([power @ bending for power in powers[:-1]], axis=1)
     reach = np.abs(vertices).max(axis=0)
     size = sum(_norm(power) for power in powers[:-1])
     bent = sum(float(reach @ np.abs(slope).sum(axis=2).max(axis=1)) for slope in slopes[:-1])
 
     # rows C A^i and their derivatives; and all of A^i itself, to see what is forgotten
     rows, turns, spin = np.concatenate([signals, np.eye(n)]), np.zeros((q, p, n)), np.zeros((q, n, n))
-    plain, vertex = _Gathered((p,), columns.shape[1], m), _Gathered((len(vertices), p), columns.shape[1], m)
+    plain, vertex = _Gathered((p,), columns.shape[1], m), _Gathered((len(vertices), p), len(bends), followed)
     weight = np.zeros(p)
     for _ in range(_PERIODS_MAX // _CHUNK):
         values = rows[:-n] @ moved
         plain.add(values)
-        vertex.add(values + np.tensordot(vertices, turns @ moved + rows[:p] @ turned, axes=1))
+        bent_values = values.reshape(p, _CHUNK, -1)[:, :, bends].reshape(p, -1)
+        vertex.add(bent_values + np.tensordot(vertices, turns @ moved_bending + rows[:p] @ turned, axes=1))
         weight += np.abs(rows[:-n]).sum(axis=1) * ((1 + q) * size + bent)
         weight += size * np.tensordot(reach, np.abs(turns).sum(axis=2), axes=1)
         turns = turns @ powers[-1] + rows[:p] @ slopes[-1]
@@ -93,12 +99,14 @@ def answers(
         rows = rows @ powers[-1]
         left = float((np.abs(rows[-n:]).sum(axis=1) + np.tensordot(reach, np.abs(spin).sum(axis=2), axes=1)).max())
         if left < _FORGOTTEN:
-            biggest = np.abs(columns).max(axis=0) + np.tensordot(reach, np.abs(kicks).max(axis=1), axes=1)
+            biggest = np.abs(columns).max(axis=0)
+            biggest[bends] += np.tensordot(reach, np.abs(kicks).max(axis=1), axes=1)
             rest = np.outer(weight, biggest) * left / (1.0 - left)
-            return Answers(*plain.with_rest(rest), *vertex.with_rest(rest))
+            return Answers(*plain.with_rest(rest), *vertex.with_rest(rest[:, bends]))
         if not left < 1e12:
             break
-    infinite = (np.full((*shape, k), np.inf) for shape in (plain.shape, vertex.shape) for k in (m, starts.shape[1]))
+    sizes = (plain.shape, m), (plain.shape, starts.shape[1]), (vertex.shape, followed), (vertex.shape, starts.shape[1])
+    infinite = (np.full((*shape, k), np.inf) for shape, k in sizes)
     return Answers(*infinite)
 
 

@@ -28,14 +28,13 @@ _ABSURD = 1e4
 class Bounds:
     """The sums of a cell, and what follows from them.
 
-    With x the size of the plant's state, columns of inputs are: rate (pieces + 1), noise, drive (pieces + 1), pulse,
-    change of the gain, share, model's drive (pieces + 1), push (pieces + 1), plant (x), model (y). Rows of signals: e,
-    e', v0, D/g - d^ (with derivatives); then the difference of commands and, of each stretch, x' at its beginning and
-    nodes of F; then the errors of the estimated velocity and the model's x^' at the beginning of each of its stretches.
+    Columns of inputs are named parts: those that are followed to first order, then those that are not. Rows of signals:
+    e, e', v0, D/g - d^; the difference of commands and, of each stretch, x' at its beginning and nodes of F; then the
+    errors of the estimated velocity and the model's x^' at the beginning of each of its stretches.
     """
 
     def __init__(
-        self, cell: Cell, gain_min: float, gain_max: float, growth: float = 1.0, lag_varies: bool = False
+        self, cell: Cell, gain_min: float, gain_max: float, growth: float | None = None, lag_varies: bool = False
     ) -> None:
         """Sum up.
 
@@ -43,7 +42,8 @@ class Bounds:
             cell: the plants.
             gain_min: smallest applied gain.
             gain_max: largest applied gain.
-            growth: factor by which all signals are multiplied more in every period than in the one before.
+            growth: for the answers to starts instead of those to inputs, the factor by which all signals are multiplied
+                more in every period than in the one before.
             lag_varies: whether lag, frequency and damping change in flight.
         """
         self.cell = cell
@@ -52,7 +52,7 @@ class Bounds:
         self._changing = cell.changing if lag_varies else np.zeros_like(cell.changing)
         gain, self._deviation = (gain_min + gain_max) / 2.0, (gain_max - gain_min) / 2.0
         loop = cell.loop
-        size, h, x = loop.size, loop.design.period, loop.plant.size
+        size, h = loop.size, loop.design.period
         command = loop.compensation + gain * loop.feedback
 
         def closed(rows: FloatArray) -> FloatArray:
@@ -63,23 +63,24 @@ class Bounds:
         weights = np.full(_PIECES + 1, h / _PIECES)
         weights[[0, -1]] /= 2.0
         port = 1.0 / loop.plant.system[1][-1]  # of one unit at the last row
-        columns = [
-            *(w * loop.rate_input(t) for w, t in zip(weights, times, strict=True)),
-            loop.noise_input,
-            *(w * port * loop.drive_input(t) for w, t in zip(weights, times, strict=True)),
-            cell.pulse,
-            loop.command_input,
-            h * loop.share_input,
-            *(w * loop.model_drive_input(t) for w, t in zip(weights, times, strict=True)),
-            *(w * loop.push_input(t) for w, t in zip(weights, times, strict=True)),
-            *cell.unit_inputs.T,
-            *loop.model_unit_inputs.T,
-        ]
-        varying = _PIECES + 1  # columns of what acts within a period
-        ends = np.cumsum([0, varying, 1, varying, 1, 1, 1, varying, varying, x, loop.design.model.size])
-        names = ("rate", "noise", "drive", "pulse", "change", "share", "model_drive", "push", "plant", "model")
-        self._part = {name: slice(a, b) for name, a, b in zip(names, ends[:-1], ends[1:], strict=True)}
-        self._inputs = np.array(columns).T
+        columns = {
+            "noise": [loop.noise_input],
+            "drive": [w * port * loop.drive_input(t) for w, t in zip(weights, times, strict=True)],
+            "change": [loop.command_input],
+        }
+        if growth is None:  # starts have no other inputs
+            columns["rate"] = [w * loop.rate_input(t) for w, t in zip(weights, times, strict=True)]
+            columns["share"] = [h * loop.share_input]
+            columns["model_drive"] = [w * loop.model_drive_input(t) for w, t in zip(weights, times, strict=True)]
+        columns |= {
+            "pulse": [cell.pulse],
+            "push": [w * loop.push_input(t) for w, t in zip(weights, times, strict=True)],
+            "plant": list(cell.unit_inputs.T),
+            "model": list(loop.model_unit_inputs.T),
+        }
+        ends = np.cumsum([0, *(len(part) for part in columns.values())])
+        self._part = {name: slice(a, b) for name, a, b in zip(columns, ends[:-1], ends[1:], strict=True)}
+        self._inputs = np.array([column for part in columns.values() for column in part]).T
 
         tracked = np.zeros((4, size))
         tracked[0, 0] = tracked[1, 1] = tracked[3, loop.plant.size + loop.design.model.size] = 1.0
@@ -91,11 +92,14 @@ class Bounds:
         blocks += [cell.lateness, *cell.model_slopes]
         others = np.concatenate(blocks)
         steps = np.array(cell.derivatives)
-        kicks = np.zeros((len(steps), *self._inputs.shape))
+        self._followed = self._part["pulse"].start
+        kicks = np.zeros((len(steps), size, self._followed))
         kicks[:, :, self._part["change"].start] = steps[:, :, size]
         starts = np.zeros((size, 2))  # of e and of e', which the estimator knows
         for i in range(2):
             starts[[i, loop.plant.size + i], i] = 1.0
+        if growth is None:
+            growth, starts = 1.0, starts[:, :0]
         self.answers = answers(
             growth * loop.matrix(gain),
             growth * self._inputs,
@@ -103,6 +107,7 @@ class Bounds:
             np.concatenate([tracked, closed(others)]),
             growth * closed(steps),
             growth * kicks,
+            self._followed,
             self._vertices,
         )
         for sums in (self.answers.sums, self.answers.vertex_sums):
@@ -170,10 +175,22 @@ class Bounds:
         wrong = max(values[self._seen], values[self._seen + 1] + strayed) + h * h / 8.0 * bend
         return float(other_age * wrong + cell.loop.pose_age * strayed)
 
+    def answered(self, inputs: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the first three arguments of `settled` for inputs (columns,) of some amplitudes."""
+        exact, bent = inputs[: self._followed], inputs.copy()
+        bent[: self._followed] = 0.0
+        return self.answers.sums[:, : self._followed] @ exact, self.answers.vertex_sums @ exact, bent
+
+    def started(self, which: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the first three arguments of `settled` for a unit of e (0) or of e' (1) at the start."""
+        peaks, at_vertices = self.answers.peaks[:, which], self.answers.vertex_peaks[:, :, which]
+        return peaks, at_vertices, np.zeros(self._inputs.shape[1])
+
     def settled(
         self,
         signals: FloatArray,
         at_vertices: FloatArray,
+        bent: FloatArray,
         error: float,
         rate: float,
         model: float,
@@ -184,6 +201,7 @@ class Bounds:
         Args:
             signals: (rows,) bounds of the signals of the middle at its middle gain.
             at_vertices: (V, rows) bounds of them to first order, at the vertices.
+            bent: (columns,) further inputs, which are not followed to first order.
             error: bound of the drive at the last row.
             rate: of D', m/s^3.
             model: bound of the drive at the nominal plant's input, m/s^2.
@@ -197,25 +215,28 @@ class Bounds:
         late_shape = late**2 / 2.0 * cell.port_gain * (np.abs(A) @ cell.growth[:, -1])
         changes, noise = self._part["change"].start, self._part["noise"].start
 
+        # what inputs that follow from signals do to all signals, per unit: drive, pulse and its shape, push
+        pulse = self.amplitudes(0.0, pulse=late * cell.port_gain)
+        shape = np.zeros(len(pulse))
+        shape[self._part["plant"]] = late_shape
+        units = np.array([self.amplitudes(1.0), pulse, shape, self.amplitudes(0.0, push=1.0)]).T
+        effects, always = sums @ units, sums @ bent
+        first_change, first_noise = at[:, :, changes], at[:, :, noise]
+
         def bounds(
             drive: float, difference: float, change: float, late_pose: float, push: float
         ) -> tuple[FloatArray, FloatArray, float]:
             """Bounds (4,) of the signals, (5,) of the inputs that follow from them, and of e''."""
-            wrong = self.amplitudes(drive, pulse=late * cell.port_gain * difference, push=push)
-            wrong[self._part["plant"]] += late_shape * difference
-            rest = sums @ wrong
+            rest = effects @ [drive, difference, difference, push] + always
             plain = signals + sums[:, changes] * change + sums[:, noise] * late_pose + rest
             leak = cell.growth[:, -1] * (h * (drive + error) + late * cell.port_gain * difference)
             leak += cell.growth @ np.abs(E) * h * (h * rate + push)
             left, _ = self._between(rest, leak)
-            second = self.amplitudes(
-                float(steady @ left + self._changing @ self._between(plain, leak)[0]),
-                pulse=late * (cell.port_gain * rest[4] + cell.port_gain_error * difference),
-                push=push,
-            )
-            second[self._part["plant"]] += late_shape * difference
-            first = (at_vertices + at[:, :, changes] * change + at[:, :, noise] * late_pose).max(axis=0)
-            whole = np.minimum(plain, first + sums @ second)
+            changing = self._changing @ self._between(plain, leak)[0] if self._changing.any() else 0.0
+            wider = rest[4] + cell.port_gain_error / cell.port_gain * difference
+            second = effects @ [float(steady @ left + changing), wider, difference, push] + always
+            first = (at_vertices + first_change * change + first_noise * late_pose).max(axis=0)
+            whole = np.minimum(plain, first + second)
             seen, bend = self._between(whole, leak)
             bend += h * rate + push
             jolt = np.abs(E) * push
@@ -227,11 +248,10 @@ class Bounds:
 
         point = np.zeros(5)
         for _ in range(_ITERATIONS):
-            _, following, _ = bounds(*point)
-            if following.max() > _ABSURD:
-                break
-            point = following * (1.0 + _SLACK)
             tracked, implied, bend = bounds(*point)
             if (implied <= point).all():  # the bounds imply themselves: by the small gain argument they hold
                 return tracked * (1.0 + _ROUNDING), bend
+            if implied.max() > _ABSURD:
+                break
+            point = implied * (1.0 + _SLACK)
         return None

@@ -82,8 +82,7 @@ def cell_return(
     late = pose_age / 2.0 * math.exp(rate * (pose_age + h))  # what it sees has decayed less
     pairs = []
     for i in range(2):
-        start = bounds.answers.peaks[:, i], bounds.answers.vertex_peaks[:, :, i]
-        settled = bounds.settled(*start, 0.0, 0.0, 0.0, late)
+        settled = bounds.settled(*bounds.started(i), 0.0, 0.0, 0.0, late)
         if settled is None:
             return found
         # from tick to tick: the tick before has decayed by one period less

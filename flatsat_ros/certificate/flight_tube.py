@@ -138,9 +138,8 @@ def cell_tube(
         share=cell.share_error * rate,
         model_drive=model_drive,
     )
-    signals, at_vertices = bounds.answers.sums @ inputs, bounds.answers.vertex_sums @ inputs
     settled = bounds.settled(
-        signals, at_vertices, cell.port_gain * error, rate, model_drive, assumptions.pose_age / 2.0
+        *bounds.answered(inputs), cell.port_gain * error, rate, model_drive, assumptions.pose_age / 2.0
     )
     if settled is None:
         return Tube(math.inf, math.inf, math.inf, math.inf)
@@ -155,7 +154,7 @@ def cell_bounds(
     gain_max: float,
     pose_age: float,
     lag_varies: bool,
-    growth: float = 1.0,
+    growth: float | None = None,
 ) -> Bounds:
     """Return the sums of a box as one cell, whose poses are half as old as they may be, having checked that it is one.
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 # what is taken when the user does not say otherwise
 _TILT_MAX_DEG, _GAIN_MAX, _PERIOD, _ASSUMED = 20.0, 4.0, 0.02, "still"
 _DISTURBANCE = 0.5  # m/s^2: drag in about 1 m/s of wind
-_RETURN_RATE, _EXCESS = 0.5, 0.15
+_RETURN_RATE = 0.5  # 1/s
 # share of the room of the gain that v0 may take of each of the two kinds of axes
 _SHARE = 0.6
 _SECONDS = 90.0  # of search, for each kind of axes
@@ -58,7 +58,7 @@ def write_flight(arguments: argparse.Namespace, output: Path | None) -> None:
         goal = Goal(period, gain, _SHARE * room, assumptions)
         print(f"searching the {name} design", file=sys.stderr, flush=True)
         axes.append(searched(goal, plants, _progress(), arguments.seconds or _SECONDS))
-    design = FlightDesign(limits, gain, margin, _DISTURBANCE, _RETURN_RATE, _EXCESS, assumptions, *axes)
+    design = FlightDesign(limits, gain, margin, _DISTURBANCE, _RETURN_RATE, assumptions, *axes)
     name = arguments.name or (output.stem if output else "unnamed")
     certificate = design.certificate(
         name, {"inputs": {"vehicle": vehicle.name, "assume": arguments.assume or _ASSUMED}}

@@ -33,8 +33,8 @@ from flatsat_ros.synthesis.rounding import DIGITS, round_down, round_up
 # Digits of what is claimed, and by how much, relatively, a claim is above what was computed before it is rounded up.
 _DIGITS, _ABOVE = 5, 1e-6
 
-_FIGURES = ("period", "thrust_max_g", "tilt_max_deg", "gain_max", "margin", "disturbance", "return_rate", "excess")
-_AXIS = ("low", "high", "lag_varies", "model", "observer", "stiffness", "rate")
+_FIGURES = ("period", "thrust_max_g", "tilt_max_deg", "gain_max", "margin", "disturbance", "return_rate")
+_AXIS = ("low", "high", "lag_varies", "model", "observer", "stiffness", "rate", "excess")
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,13 @@ class AxisDesign:
         box: the plants.
         lag_varies: whether their lag, frequency and damping change in flight.
         design: the controller; it predicts over all of its model's delay and lag.
+        excess: relative, by how much the tube of the box may be above that of its worst corner.
     """
 
     box: Box
     lag_varies: bool
     design: Design
+    excess: float
 
     @classmethod
     def from_document(cls, name: str, document: object, period: float) -> AxisDesign:
@@ -63,7 +65,7 @@ class AxisDesign:
         design = Design.predicting(
             period, plants["model"], tuple(values["observer"]), values["stiffness"], values["rate"]
         )
-        return cls(Box(plants["low"], plants["high"]), values["lag_varies"], design)
+        return cls(Box(plants["low"], plants["high"]), values["lag_varies"], design, values["excess"])
 
 
 _PLANT = {figure.name for figure in fields(Plant)}
@@ -79,7 +81,6 @@ class FlightDesign:
         margin: m/s^2, of the reference's acceleration in V_c.
         disturbance: m/s^2, largest |D/g|.
         return_rate: 1/s, of the way back into the tube.
-        excess: relative, by how much the tube of the box may be above that of its worst corner.
         assumptions: of the tube.
         horizontal: of x and y.
         vertical: of z.
@@ -90,7 +91,6 @@ class FlightDesign:
     margin: float
     disturbance: float
     return_rate: float
-    excess: float
     assumptions: Assumptions
     horizontal: AxisDesign
     vertical: AxisDesign
@@ -149,7 +149,7 @@ class FlightDesign:
             self.gain_max,
             self.assumptions,
             design.lag_varies,
-            0.0 if design.lag_varies else self.excess,
+            design.excess,
         )
         nothing = Return(self.return_rate, 1.0, 1.0, 1.0, 1.0)
         axis = Axis(design.box, design.lag_varies, design.design, found.cuts, found.tube, nothing)

@@ -42,6 +42,9 @@ _COSTS = (4.0, 10.0, 0.5)
 # Width of the boxes at the corners whose tube counts, relative to that of all plants.
 _CELL = 0.1
 
+# By how much, relatively, the tube of all plants may be above that of the worst corner; less needs more cells.
+EXCESS = 0.3
+
 # A tube beyond this, m, is none.
 _ABSURD = 1.0
 
@@ -201,4 +204,4 @@ def search(goal: Goal, plants: Plants, progress: Callable[[str], None], seconds:
         pass
     if not math.isfinite(best[0]):
         raise FlatsatError("tube of every design that was tried = inf: must be bounded, ask for less")
-    return AxisDesign(plants.box, plants.lag_varies, design_of(best[1]))
+    return AxisDesign(plants.box, plants.lag_varies, design_of(best[1]), EXCESS)

@@ -8,7 +8,7 @@ from typing import Any
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError, refusal, require, require_number
 from flatsat_ros.base.files import located
-from flatsat_ros.base.strict_yaml import read_yaml, section
+from flatsat_ros.base.strict_yaml import read_yaml
 from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_loop import Plant
 from flatsat_ros.certificate.flight_tube import Assumptions
@@ -95,8 +95,8 @@ def _plants(found: dict[str, tuple[float, float]], lag_varies: bool) -> Plants:
 def assumed(name_or_path: str) -> tuple[Assumptions, dict[str, tuple[float, float]]]:
     """Return assumptions and intervals of plants: "still", "gusts", or what a YAML file says.
 
-    A file has the fields of `Assumptions` and, where they are known, intervals `delay`, `lag`, `gain`, `frequency` and
-    `damping`, lists of two numbers.
+    A file has fields of `Assumptions`, those that it lacks are those of "still", and, where they are known, intervals
+    `delay`, `lag`, `gain`, `frequency` and `damping`, lists of two numbers. `validate --write` makes such files.
 
     Raises:
         FlatsatError: the file cannot be read, a key is unknown or missing, or a value is out of its bounds.
@@ -112,8 +112,14 @@ def assumed(name_or_path: str) -> tuple[Assumptions, dict[str, tuple[float, floa
 
 def _assumptions(document: Any) -> tuple[Assumptions, dict[str, tuple[float, float]]]:
     names = tuple(field.name for field in fields(Assumptions))
-    given = tuple(name for name in _INTERVALS if isinstance(document, dict) and name in document)
-    values = section("assumptions", document, (*names, *given))
+    if not isinstance(document, dict):
+        raise refusal("assumptions", document, "", f"a mapping with keys of {', '.join((*names, *_INTERVALS))}")
+    given = tuple(name for name in _INTERVALS if name in document)
+    kept = tuple(name for name in names if name in document)
+    unknown = [name for name in document if name not in (*given, *kept)]
+    if unknown:
+        raise refusal("assumptions: key", unknown[0], "", f"one of {', '.join((*names, *_INTERVALS))}")
+    values = document
     intervals = {}
     for name in given:
         ends = values[name]
@@ -122,4 +128,4 @@ def _assumptions(document: Any) -> tuple[Assumptions, dict[str, tuple[float, flo
         low, high = (require_number(name, end, "", least=0.0) for end in ends)
         require(low <= high, name, ends, "", "an interval, the smaller end first")
         intervals[name] = low, high
-    return Assumptions(**{name: values[name] for name in names}), intervals
+    return replace(STILL, **{name: values[name] for name in kept}), intervals

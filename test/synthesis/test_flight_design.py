@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -66,8 +67,9 @@ def test_what_is_packaged_is_what_the_stored_design_says(name: str) -> None:
 def test_a_small_design_becomes_a_certificate_that_verifies(tmp_path: Path) -> None:
     document = read_yaml(CONFIG / "designs" / "flight.yaml")["cf21_flight_50hz"]
     document.pop("vehicle")
-    document["gain_max"], document["excess"], document["assumptions"]["pose_age"] = 1.5, 1.0, 0.004
+    document["gain_max"], document["assumptions"]["pose_age"] = 1.5, 0.004
     for axis in ("horizontal", "vertical"):
+        document[axis]["excess"] = 1.0
         document[axis]["low"] = dict(document[axis]["high"], delay=document[axis]["high"]["delay"] - 1e-4)
     certificate = FlightDesign.from_document("small", document).certificate("small", {})
     certificate.save(tmp_path / "small.yaml")
@@ -141,7 +143,7 @@ def test_assumptions_are_read_from_a_file(tmp_path: Path) -> None:
     for change, text in (
         ({"delay": [0.05, 0.02]}, "must be an interval, the smaller end first"),
         ({"delay": 0.02}, "must be a list of two numbers"),
-        ({"dalay": [0.02, 0.05]}, "unknown key 'dalay'"),
+        ({"dalay": [0.02, 0.05]}, "assumptions: key = 'dalay': must be one of disturbance_rate, noise"),
         ({"noise": -1.0}, "noise = -1.0 m"),
     ):
         write_yaml(tmp_path / "mine.yaml", figures | change)
@@ -149,3 +151,5 @@ def test_assumptions_are_read_from_a_file(tmp_path: Path) -> None:
             assumed(str(tmp_path / "mine.yaml"))
         assert text in str(refused.value)
     assert assumed("still") == (STILL, {})
+    write_yaml(tmp_path / "mine.yaml", {"noise": 2e-3, "lag": [0.1, 0.2]})
+    assert assumed(str(tmp_path / "mine.yaml")) == (replace(STILL, noise=2e-3), {"lag": (0.1, 0.2)})
