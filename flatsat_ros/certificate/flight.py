@@ -179,12 +179,17 @@ class Flight:
                 ratio = max(ratio, float(asked) / most if most > 0.0 else math.inf)
         return ratio
 
+    @property
+    def compensation(self) -> float:
+        """Largest |d^|, m/s^2, while |D/g| keeps its bound: clipped there or above, the compensation is not clipped."""
+        return self.disturbance + math.hypot(*(axis.tube.disturbance for axis in self.axes))
+
     def certified_start(self) -> tuple[float, float]:
         """Return the largest distances |e(0)|, m, horizontal and vertical, each alone, from which a drone returns.
 
         It begins at rest against the reference. Negative: no start is certified.
         """
-        room = self.margin - self.disturbance - math.hypot(*(axis.tube.disturbance for axis in self.axes))
+        room = self.margin - self.compensation
         distances = []
         for axis, other in (self.axes, self.axes[::-1]):
             own = math.sqrt(max(room**2 - other.tube.nominal**2, 0.0)) if room > 0.0 else 0.0
@@ -204,8 +209,7 @@ class Flight:
             "flight: the margin is one that a hovering drone has": 1.0 - self.margin / inner_radius,
         }
         sides, upright = self.horizontal.tube, self.vertical.tube
-        estimate = self.disturbance + math.hypot(sides.disturbance, upright.disturbance)
-        taken = math.hypot(sides.nominal, upright.nominal) + estimate
+        taken = math.hypot(sides.nominal, upright.nominal) + self.compensation
         margins["flight: |v0| + |d^| <= margin, so that every applied gain is at least 1"] = 1.0 - taken / self.margin
         for name, axis in zip(_AXES, self.axes, strict=True):
             tube = axis.proved(self.gain_min, self.gain_max, self.assumptions)
