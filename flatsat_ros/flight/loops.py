@@ -144,7 +144,7 @@ class PredictedLoop:
         count = len(estimator.yaw)
         horizontal, vertical = flight.horizontal.design, flight.vertical.design
         self._references, self._estimator = references, estimator
-        self._most = min(policy.disturbance_max, flight.compensation)
+        self._most = min(policy.disturbance_max, flight.disturbance)
         self._predictor = Predictor(horizontal, vertical, count, flight.pose_age)
         self._preview = Preview(references, horizontal, vertical)
         self._monitors = Monitors(flight, self._most, references)
