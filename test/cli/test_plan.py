@@ -36,7 +36,7 @@ def test_a_plan_is_written_and_proved_again(planned: Path, capsys: pytest.Captur
         "plan flight in",
         "holds: proved with integers",
         "jerk at most 0.527273 m/s^3",
-        "tubes of 0.0637 m: proved by cf21_flight_50hz",
+        "tubes of 0.0638 m: proved by cf21_flight_50hz",
     ):
         assert text in printed
 
