@@ -50,9 +50,11 @@ def write_flight(arguments: argparse.Namespace, output: Path | None) -> None:
     margin = math.floor(1e3 * (limits.inner_radius - assumptions.acceleration)) / 1e3
     room = margin - _DISTURBANCE
     if not room > 0.0:
-        raise refusal(
-            "margin of the reference", margin, "m/s^2", f"above {_DISTURBANCE} m/s^2: give up tilt_max or thrust_max"
-        )
+        least, way_out = GRAVITY + assumptions.acceleration + _DISTURBANCE, "give up tilt_max or acceleration"
+        if vehicle.thrust_max <= least + 1e-3:
+            lacking = f"{vehicle.name} lacks {least - vehicle.thrust_max:.3g} m/s^2 of thrust"
+            way_out = f"{lacking}, take off with below {1e3 * vehicle.mass_for(least):.3g} g"
+        raise refusal("margin of the reference", margin, "m/s^2", f"above {_DISTURBANCE} m/s^2: {way_out}")
     axes = []
     for name, plants in (("horizontal", sides(vehicle, intervals)), ("vertical", upright(vehicle, intervals))):
         goal = Goal(period, gain, _SHARE * room, assumptions)

@@ -225,3 +225,19 @@ def test_whatever_cannot_be_used_is_refused_in_one_line(
     assert text in err
     assert [file.name for file in tmp_path.iterdir()] == ["taken.yaml"]
     assert Path("taken.yaml").read_text(encoding="utf-8") == "precious"
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (["--vehicle", "cf21_markers"], "cf21_markers lacks 0.83 m/s^2 of thrust, take off with below 29.3 g"),
+        (["--vehicle", "cf21", "--tilt-max-deg", "5"], "give up tilt_max or acceleration"),
+    ],
+)
+def test_a_drone_without_room_for_a_tube_is_told_what_it_lacks(
+    options: list[str], text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["--flight", *options]) == 2
+    error = capsys.readouterr().err
+    assert "margin of the reference" in error
+    assert text in error
