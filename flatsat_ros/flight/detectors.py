@@ -268,7 +268,7 @@ class BobbingDetector:
         """Watch nobody at first."""
         self._sign = np.zeros(count)  # of the last large correction
         self._swings = np.zeros(count)  # changes of it, forgotten slowly
-        self._last = -np.inf  # s, of the last look
+        self._last = -np.inf  # s, of the last look at a large one
 
     def look(self, now: float, correction: FloatArray, steered: np.ndarray) -> np.ndarray:
         """Tell who bobs, (N,).
@@ -278,11 +278,11 @@ class BobbingDetector:
             correction: (N,) vertical acceleration that the error asks for, m/s^2.
             steered: (N,) who is in the air and steered.
         """
-        self._swings *= math.exp(max(self._last - now, -_SWINGING_TIME) / _SWINGING_TIME)
-        self._last = now
         large = steered & (np.abs(correction) >= _BOBBING)
         if not np.count_nonzero(large):
             return large
+        self._swings *= math.exp(min(self._last - now, 0.0) / _SWINGING_TIME)
+        self._last = now
         sign = np.sign(correction)
         self._swings += large & (sign * self._sign < 0.0)
         self._sign = np.where(large, sign, self._sign)
@@ -298,14 +298,16 @@ class AstrayDetector:
     commands far, or whether one of the body's axes has the other sign, is asked of sums over the last seconds.
     """
 
-    def __init__(self, count: int, period: float, late: float) -> None:
+    def __init__(self, count: int, period: float, late: float, *, turns: bool = False) -> None:
         """Begin without a past.
 
         Args:
             count: N.
             period: between two looks, s.
             late: how long a command takes to act, s.
+            turns: `turns` will be asked for.
         """
+        self._turns = turns
         self._period = period
         self._window, self._late = max(1, round(_WINDOW / period)), math.ceil(late / period - 0.5)
         # velocity, and velocity that was commanded since the start, of the last looks: (looks, 2, N, 2), newest last
@@ -337,11 +339,14 @@ class AstrayDetector:
         self._sums[4:6] += self._period * came * came
         across = self._period * (wanted[0] * came[1] - wanted[1] * came[0])
         self._sums[6] += across
-        self._common *= 1.0 - self._period / _FORGOTTEN
-        self._common += self._period * (wanted * came).sum(axis=0), across
+        if self._turns:
+            self._common *= 1.0 - self._period / _FORGOTTEN
+            self._common += self._period * (wanted * came).sum(axis=0), across
         self._judged = np.where(judged, self._judged + self._period, 0.0)
         early = self._judged < len(self._past) * self._period
-        self._sums[:, early] = self._common[:, early] = 0.0
+        self._sums[:, early] = 0.0
+        if self._turns:
+            self._common[:, early] = 0.0
         if not np.count_nonzero(self._sums[0] + self._sums[1] > _JUDGED):
             self._wrong[:] = 0.0
             return np.zeros(self._wrong.size, dtype=bool)

@@ -18,7 +18,7 @@ from flatsat_ros.flight.detectors import (
 )
 from flatsat_ros.flight.guidance import Guidance
 from flatsat_ros.flight.modes import AIRBORNE, Mode
-from flatsat_ros.flight.policy import Policy
+from flatsat_ros.flight.policy import Policy, YawSource
 from flatsat_ros.flight.supervisor import Sight
 from flatsat_ros.flight.thrust import ThrustScale
 
@@ -70,7 +70,9 @@ class Senses:
         self._touch_down = TouchDownDetector(count)
         self._lift_off = LiftOffDetector(count, policy.lift_off_time)
         self._fall = FallDetector(count)
-        self._astray = AstrayDetector(count, self._period, max(certificate.lag + certificate.delay, _LATE))
+        late = max(certificate.lag + certificate.delay, _LATE)
+        turns = policy.yaw_source is YawSource.MOTION
+        self._astray = AstrayDetector(count, self._period, late, turns=turns)
         self._limit = TiltLimitDetector(count, certificate.limits.tilt_max, gravity)
         self._bobbing = BobbingDetector(count)
         self._blown = np.zeros(count, dtype=bool)  # it lands because the wind is too strong, until it is down
