@@ -120,6 +120,10 @@ def test_a_search_makes_the_tube_smaller() -> None:
 def test_the_plants_of_a_profile_are_around_what_it_says(name: str) -> None:
     vehicle = load_vehicle(name)
     dynamics = vehicle.dynamics
+    if dynamics.velocity_tilt > 0.0:  # leaning against the motion instead
+        dynamics = replace(dynamics, velocity_tilt=-dynamics.velocity_tilt)
+        vehicle = replace(vehicle, dynamics=dynamics)
+    assert sides(vehicle, {}).box.low.tilt == pytest.approx(-9.81 * dynamics.velocity_tilt)
     low, high = sides(vehicle, {}).box.low, sides(vehicle, {}).box.high
     assert low.gain <= dynamics.attitude_gain <= high.gain
     assert low.drag <= dynamics.drag_xy <= high.drag
@@ -132,6 +136,14 @@ def test_the_plants_of_a_profile_are_around_what_it_says(name: str) -> None:
     assert sorted((dynamics.thrust_lag_up, dynamics.thrust_lag_down)) == [plants.box.low.lag, plants.box.high.lag]
     assert plants.lag_varies == (dynamics.thrust_lag_up != dynamics.thrust_lag_down)
     assert (plants.box.low.delay, plants.box.high.delay) == (0.01, 0.02)
+
+
+def test_a_drone_that_leans_into_its_motion_is_refused() -> None:
+    # of the loop's equations, e'' = a - drag e' and a = g u - tilt e', only a tilt against the motion is proved
+    with pytest.raises(
+        FlatsatError, match=r"velocity_tilt of vehicle 'cf21_markers' = 0\.\d+ rad s/m: must be at most 0"
+    ):
+        sides(load_vehicle("cf21_markers"), {})
 
 
 def test_assumptions_are_read_from_a_file(tmp_path: Path) -> None:
