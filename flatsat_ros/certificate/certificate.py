@@ -32,7 +32,7 @@ from flatsat_ros.law.input_set import InputSet
 FORMATS = (1, 2)
 
 # What a controller flies by default: for the vehicle profile that it takes by default.
-DEFAULT_CERTIFICATE = "cf21_flight_50hz"
+DEFAULT_CERTIFICATE = "cf21_adaptive_50hz"
 
 # Relative rounding that a proved inequality may show when it is tight; far below anything physical.
 _ROUNDING = 1e-9

@@ -30,13 +30,13 @@ def planned(waypoints: Path) -> Path:
 
 def test_a_plan_is_written_and_proved_again(planned: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert Plan.load(planned).name == "flight"
-    assert main(["--verify", str(planned), "--certificate", "cf21_flight_50hz"]) == 0
+    assert main(["--verify", str(planned), "--certificate", "cf21_adaptive_50hz"]) == 0
     printed = capsys.readouterr().out
     for text in (
         "plan flight in",
         "holds: proved with integers",
-        "jerk at most 0.527273 m/s^3",
-        "tubes of 0.0638 m: proved by cf21_flight_50hz",
+        "jerk at most 0.545455 m/s^3",
+        "tubes of 0.0795 m: proved by cf21_adaptive_50hz",
     ):
         assert text in printed
 
