@@ -24,9 +24,9 @@ from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
-from flatsat_ros.nodes import sim_drone
-from flatsat_ros.nodes.ros import messages
+from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.messages import NANOSECONDS
+from flatsat_ros.nodes.server_commands import COMMANDS
 from flatsat_ros.nodes.sim_drone import SimDrone
 from flatsat_ros.sim.fleet import SimulatedFleet
 from fuzzing.damage import FLOATS
@@ -121,12 +121,11 @@ class _Simulated:
             if not name.startswith("all"):  # the other drone's motors would stop, too
                 self._services[f"cf1/{name}"](request, kind.Response())
         else:
-            command = (sim_drone._take_off, sim_drone._land, sim_drone._go_to, sim_drone._notify_setpoints_stop)[
-                code - 1
-            ]
-            request = SimpleNamespace(height=x, goal=Point(x=x, y=y, z=z), yaw=yaw, relative=sec % 2 == 0)
+            name = (interfaces.TAKEOFF, interfaces.LAND, interfaces.GO_TO, interfaces.NOTIFY)[code - 1]
+            request = SimpleNamespace(height=x, goal=Point(x=x, y=y, z=z), yaw=yaw, relative=sec % 2 == 0, group_mask=0)
             request.duration = Duration(sec=sec, nanosec=nanosec)
-            self.node._command_together([0], command, request, None)
+            with self.node.faults.contain(f"cf1/{name}"):
+                COMMANDS[name][1](self.node.drones[0], request)
 
 
 @contextmanager
