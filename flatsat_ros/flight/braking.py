@@ -1,6 +1,6 @@
 """Drones that do not move as commanded brake while they sink: by then it is seen how they do move.
 
-A wrong yaw turns what is commanded, a wrong sign of an axis mirrors it. `flight.detectors.AstrayDetector` has compared
+A wrong yaw turns what is commanded, a wrong sign of an axis mirrors it. `flight.astray.AstrayDetector` has compared
 both when it finds a drone astray, and so knows how to command what shall come. Only the velocity is fed back, so that
 a wrong position or frame of reference cannot lead the drone anywhere.
 """

@@ -1,4 +1,4 @@
-"""What a drone's motion says about the ground and about its commands: the detectors of the supervisor."""
+"""What a drone's motion says about the ground, falls, wind and swings; `astray` has what it says about its commands."""
 
 from __future__ import annotations
 
@@ -30,25 +30,6 @@ _NEAR_GROUND = 0.10
 _STILL = 0.003
 _UPWARD = 0.3
 _LYING_TIME = 1.5
-
-# Motion against command is judged by changes of the velocity over this time, s, forgetting them with the second one, s,
-# once commands have changed it by so much, (m/s)^2 s.
-_WINDOW = 0.2
-_FORGOTTEN = 1.0
-_JUDGED = 0.0004
-# What comes is wrong if between these shares of what is commanded comes, beyond this tangent of an angle to it, and the
-# commands explain at least this share of it. Commands do not explain gusts, which bring more, nor noise.
-_LEAST, _MOST = 0.5, 1.2
-_TURNED = 2.0
-_EXPLAINED = 0.5
-# of that this much, (m/s)^2 s, is not asked: noise of 0.5 mm in the poses brings it alone
-_NOISE = 4e-4
-# an axis is taken for mirrored by a correlation of minus this much with what is commanded
-_MIRRORED = 0.3
-# both for turned if that explains this many times as much: one axis alone shows no difference
-_TURNED_MORE = 1.1
-# A gust that begins looks like a wrong sign until commands counter it; a wrong sign stays one for longer than this, s.
-_WRONG_TIME = 0.31
 
 # A drone whose commanded tilt has this share of the largest is at its limit.
 _AT_LIMIT = 0.9
@@ -288,119 +269,3 @@ class BobbingDetector:
         self._sign = np.where(large, sign, self._sign)
         self._sign[~steered] = self._swings[~steered] = 0.0
         return np.asarray(self._swings > _SWINGS)
-
-
-class AstrayDetector:
-    """Tells which drones do not move horizontally as they are commanded: a wrong yaw, frame, sign or body.
-
-    How the acceleration changes is compared with how the commands should have changed it, as late as they act. Changes,
-    because a constant wind is countered by a constant command. Whether the best rotation between the two turns the
-    commands far, or whether one of the body's axes has the other sign, is asked of sums over the last seconds.
-    """
-
-    def __init__(self, count: int, period: float, late: float, *, turns: bool = False) -> None:
-        """Begin without a past.
-
-        Args:
-            count: N.
-            period: between two looks, s.
-            late: how long a command takes to act, s.
-            turns: `turns` will be asked for.
-        """
-        self._turns = turns
-        self._period = period
-        self._window, self._late = max(1, round(_WINDOW / period)), math.ceil(late / period - 0.5)
-        # velocity, and velocity that was commanded since the start, of the last looks: (looks, 2, N, 2), newest last
-        self._past = np.zeros((2 * self._window + self._late + 1, 2, count, 2))
-        # of each axis of the body: what was commanded, what came along it, all that came; then what came across both
-        self._sums = np.zeros((7, count))
-        self._common = np.zeros((2, count))  # of both axes: what came along, and across, by the yaw of now
-        self._judged = np.zeros(count)  # s
-        self._wrong = np.zeros(count)  # s, for how long what comes has been wrong
-
-    def astray(self, push: FloatArray, velocity: FloatArray, yaw: FloatArray, judged: np.ndarray) -> np.ndarray:
-        """Tell who goes astray, (N,).
-
-        Args:
-            push: (N, 2) horizontal change of velocity that was commanded since the last look, m/s.
-            velocity: (N, 2) estimated, m/s.
-            yaw: (N,) psi, rad, by which the commands were turned into the body's axes.
-            judged: (N,) who is in the air and steered.
-        """
-        commanded = self._past[-1, 1] + push
-        self._past[:-1] = self._past[1:]
-        self._past[-1] = velocity, commanded
-        sin, cos = np.sin(yaw), np.cos(yaw)
-        wanted = _turned(self._changed(self._past[: len(self._past) - self._late, 1]), sin, cos)
-        came = _turned(self._changed(self._past[:, 0]), sin, cos)
-        self._sums *= 1.0 - self._period / _FORGOTTEN
-        self._sums[0:2] += self._period * wanted * wanted
-        self._sums[2:4] += self._period * wanted * came
-        self._sums[4:6] += self._period * came * came
-        across = self._period * (wanted[0] * came[1] - wanted[1] * came[0])
-        self._sums[6] += across
-        if self._turns:
-            self._common *= 1.0 - self._period / _FORGOTTEN
-            self._common += self._period * (wanted * came).sum(axis=0), across
-        self._judged = np.where(judged, self._judged + self._period, 0.0)
-        early = self._judged < len(self._past) * self._period
-        self._sums[:, early] = 0.0
-        if self._turns:
-            self._common[:, early] = 0.0
-        if not np.count_nonzero(self._sums[0] + self._sums[1] > _JUDGED):
-            self._wrong[:] = 0.0
-            return np.zeros(self._wrong.size, dtype=bool)
-        size, along, total, across = self._sums[0:2], self._sums[2:4], self._sums[4:6], self._sums[6]
-        negated = _explained(size, along, total) & (along < 0.0)
-        turned = _explained(size.sum(axis=0), np.hypot(along.sum(axis=0), across), total.sum(axis=0))
-        turned &= np.abs(across) > _TURNED * along.sum(axis=0)
-        self._wrong = np.where(turned | negated.any(axis=0), self._wrong + self._period, 0.0)
-        return np.asarray(self._wrong > _WRONG_TIME)
-
-    def answer(self, index: int) -> FloatArray | None:
-        """Return what comes of what is commanded to drone index along its body's axes, (2, 2); None if unknown.
-
-        It is a turn about the vertical, or the sign of each axis.
-        """
-        size, along, total, across = self._sums[0:2], self._sums[2:4], self._sums[4:6], self._sums[6]
-        size, along, total, across = size[:, index], along[:, index], total[:, index], float(across[index])
-        straight = float(along.sum())
-        whole = np.array([size.sum(), math.hypot(straight, across), total.sum()])
-        if not (_explained(size, along, total).any() or _explained(*whole)):
-            return None
-        if whole[1] > _TURNED_MORE * np.abs(along).sum():  # what is turned; along the axes it would be less
-            cos, sin = straight / float(whole[1]), across / float(whole[1])
-            return np.array([[cos, -sin], [sin, cos]])
-        return np.diag(np.where(along < -_MIRRORED * np.sqrt(size * total), -1.0, 1.0))
-
-    def turns(self) -> FloatArray:
-        """Return by which angle what comes is turned from what is commanded, (N,) rad; 0 where that is not known."""
-        along, across = self._common
-        size, total = self._sums[0:2].sum(axis=0), self._sums[4:6].sum(axis=0)
-        known = _explained(size, np.hypot(along, across), total)
-        return np.where(known, np.arctan2(across, along), 0.0)
-
-    def correct(self, angle: FloatArray, anew: np.ndarray) -> None:
-        """Take note of yaws that are corrected by an angle (N,), rad; judge some (N,) drones anew."""
-        (along, across), sin, cos = self._common, np.sin(angle), np.cos(angle)
-        self._common = np.array([cos * along + sin * across, cos * across - sin * along])
-        self._judged[anew] = self._wrong[anew] = 0.0
-        self._sums[:, anew] = self._common[:, anew] = 0.0
-
-    def _changed(self, past: FloatArray) -> FloatArray:
-        """Return how much more a quantity changed over the last window than over the one before, (N, 2)."""
-        return np.asarray(past[-1] - 2.0 * past[-1 - self._window] + past[-1 - 2 * self._window])
-
-
-def _turned(vectors: FloatArray, sin: FloatArray, cos: FloatArray) -> FloatArray:
-    """Return horizontal vectors (N, 2) along the axes of bodies whose psi has this sine and cosine, (2, N)."""
-    x, y = vectors[:, 0], vectors[:, 1]
-    return np.array([cos * x + sin * y, cos * y - sin * x])
-
-
-def _explained(size: FloatArray, common: FloatArray, total: FloatArray) -> np.ndarray:
-    """Tell what commands explain: enough of them, and of what they bring, in what came; all are sums of squares."""
-    share = np.abs(common) / np.maximum(size, _JUDGED)
-    return (
-        (size > _JUDGED) & (share > _LEAST) & (share < _MOST) & (share * np.abs(common) > _EXPLAINED * (total - _NOISE))
-    )

@@ -6,10 +6,10 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.flight.astray import AstrayDetector
 from flatsat_ros.flight.braking import Braking
 from flatsat_ros.flight.descent import BlindDescent
 from flatsat_ros.flight.detectors import (
-    AstrayDetector,
     BobbingDetector,
     FallDetector,
     LiftOffDetector,

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError, quoted
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.tick import Report
 from flatsat_ros.nodes.flight_report import FlightLog
@@ -122,7 +122,9 @@ class PlanControl:
                         raise FlatsatError(f"{self.state}: a plan can be set when none is flown; abort it first")
                     path = _path_of(parameter.value)
                     if path is not None and not path.is_file():
-                        raise FlatsatError(f"plan = {parameter.value!r}: must be the path of a plan file")
+                        raise FlatsatError(f"plan = {quoted(parameter.value)}: must be the path of a plan file")
+        except OSError as error:  # a name that is too long, a folder that may not be read
+            return messages.parameters_answer(f"plan = {quoted(error.filename)}: {error.strerror}")
         except FlatsatError as error:
             return messages.parameters_answer(str(error))
         return messages.parameters_answer()
@@ -133,10 +135,23 @@ class PlanControl:
             if parameter.name == _PARAMETER:
                 self.close()
                 self._performance = None
-                path = _path_of(parameter.value)
-                if path is not None:
-                    output = tempfile.TemporaryFile()  # noqa: SIM115 it is closed once the process has ended
-                    self._process = subprocess.Popen(prepared.command(path, self._certificate), stdout=output), output
+                with self._node.faults.contain(_PARAMETER):
+                    path = _path_of(parameter.value)
+                    if path is not None:
+                        self._verify(path)
+
+    def _verify(self, path: Path) -> None:
+        """Let a process read and prove a plan file.
+
+        Raises:
+            OSError: there is no room for its answer, or no process to be had.
+        """
+        output = tempfile.TemporaryFile()  # noqa: SIM115 it is closed once the process has ended
+        try:
+            self._process = subprocess.Popen(prepared.command(path, self._certificate), stdout=output), output
+        except OSError:
+            output.close()
+            raise
 
     def _look_at_process(self) -> None:
         if self._process is None or self._process[0].poll() is None:

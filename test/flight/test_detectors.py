@@ -9,13 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flatsat_ros.flight.detectors import (
-    AstrayDetector,
-    BobbingDetector,
-    LiftOffDetector,
-    TiltLimitDetector,
-    TouchDownDetector,
-)
+from flatsat_ros.flight.astray import AstrayDetector
+from flatsat_ros.flight.detectors import BobbingDetector, LiftOffDetector, TiltLimitDetector, TouchDownDetector
 
 LOOK = 0.05  # s between two looks
 LATE = 0.15  # s

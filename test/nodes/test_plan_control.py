@@ -85,6 +85,7 @@ def test_a_plan_is_verified_beside_the_flight_flown_paused_and_held(room: Room, 
 def test_files_that_are_no_plans_for_these_drones_are_refused(room: Room, tmp_path: Path) -> None:
     assert "must be the path of a plan file" in set_plan(room, str(tmp_path / "missing.yaml"))
     assert "must be the path of a plan file" in set_plan(room, "~nobody_at_all/plan.yaml")
+    assert "File name too long" in set_plan(room, "a" * 5000)
     (tmp_path / "bent.yaml").write_text("flatsat_plan: 1\n")
     assert set_plan(room, str(tmp_path / "bent.yaml")) == ""
     await_process(room)
@@ -104,3 +105,17 @@ def test_a_plan_given_at_the_start_is_proved_before_anything_flies(tmp_path: Pat
     bent.write_text(Path(path).read_text().replace("clearance: 0.0", "clearance: 0.5"))
     with pytest.raises(FlatsatError, match="hash"), opened("-p", f"plan:={bent}"):
         pass
+
+
+def test_a_process_that_cannot_be_had_is_told_and_the_flight_goes_on(
+    room: Room, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(11, "Resource temporarily unavailable")
+
+    path = save(room, tmp_path / "plan.yaml", "cf1", "cf2")
+    monkeypatch.setattr("flatsat_ros.nodes.plan_control.subprocess.Popen", refuse)
+    assert set_plan(room, path) == ""
+    assert "Resource temporarily unavailable" in room.node.faults.newest("plan")
+    assert room.ask("plan/start").message == "plan/start refused: no plan is set: set the parameter plan"
+    room.run(0.1)
