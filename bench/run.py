@@ -181,7 +181,7 @@ def _compare_swaps(targets: list[Target]) -> dict[str, Any]:
     rows, results = [], {}
     for name, air in swap.AIR.items():
         before, now = swap.swaps(air)
-        for certificate, flown in ((swap.PRESENT, before), (swap.DEFAULT_CERTIFICATE, now)):
+        for certificate, flown in ((swap.PRESENT, before), (swap.FLIGHT_CERTIFICATE, now)):
             lengths = [flown.rms, *flown.furthest, *flown.tube]
             rows.append([f"{name}, {certificate}", *(f"{100.0 * length:.2f}" for length in lengths),
                          f"{flown.guaranteed:.0%}"])  # fmt: skip

@@ -1,4 +1,4 @@
-"""The swap at 50 Hz by the controller's default certificate and by one without a flight section, in the same air."""
+"""The swap at 50 Hz by the certificate that the demo flies and by one without a flight section, in the same air."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, Certificate, load_certificate
+from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, Certificate, load_certificate
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.demo.scenario import LINK_DELAY, PAPER_WAYPOINTS, POSE_NOISE, VEHICLE, gentle_swap
@@ -46,7 +46,7 @@ class Swap(NamedTuple):
 
 def swaps(air: Wind) -> tuple[Swap, Swap]:
     """Return the flights with the certificate without a flight section, and with the default one."""
-    default = load_certificate(DEFAULT_CERTIFICATE)
+    default = load_certificate(FLIGHT_CERTIFICATE)
     count = len(PAPER_WAYPOINTS)
     paths = [gentle_swap(default, PAPER_WAYPOINTS, index, count) for index in range(count)]
     return _swap(load_certificate(PRESENT), paths, air), _swap(default, paths, air)

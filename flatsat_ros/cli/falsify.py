@@ -62,7 +62,7 @@ def _fly_plans(arguments: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from flatsat_ros.base.errors import FlatsatError
-    from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, load_certificate
+    from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, load_certificate
     from flatsat_ros.falsification.plans import Attack, made, report, tasks
     from flatsat_ros.falsification.workers import results_of
     from flatsat_ros.plans import Plan
@@ -73,7 +73,7 @@ def _fly_plans(arguments: argparse.Namespace) -> int:
     seed, workers = arguments.seed or 0, arguments.workers or os.cpu_count() or 1
     if min(runs, workers) < 1 or seed < 0 or not seconds > 0.0:
         raise FlatsatError("--runs, --workers and --seconds must be above 0, --seed at least 0")
-    certificate = load_certificate(arguments.certificate or DEFAULT_CERTIFICATE)
+    certificate = load_certificate(arguments.certificate or FLIGHT_CERTIFICATE)
     plans = [Plan.load(path) for path in arguments.plans]
     work = partial(made, plans=plans, certificate=certificate)
     attacks: list[tuple[str, Attack]] = []

@@ -12,7 +12,7 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.base.resources import config_path
-from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, Certificate, load_certificate
+from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, Certificate, load_certificate
 from flatsat_ros.crazyflie.fit import require_fit
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
@@ -135,7 +135,7 @@ def plan(
 
 
 def planned(path: Path) -> Scenario:
-    """Return the flight of a plan file: from the floor below its first points, by the controller's defaults.
+    """Return the flight of a plan file, from the floor below its first points, by the demo's certificate.
 
     Raises:
         FlatsatError: the plan does not hold, is for another certificate, or its drones would stand too near to each
@@ -160,10 +160,10 @@ def planned(path: Path) -> Scenario:
 
 
 def _default_certificate() -> tuple[Certificate, Path]:
-    """Return the certificate that the controller flies by default, and its file."""
-    certificate = load_certificate(DEFAULT_CERTIFICATE)
+    """Return the certificate of the whole loop that the demo flies, and its file."""
+    certificate = load_certificate(FLIGHT_CERTIFICATE)
     require_fit(certificate, load_vehicle(VEHICLE), LINK_DELAY, "the demo's drones")
-    return certificate, config_path(DEFAULT_CERTIFICATE)
+    return certificate, config_path(FLIGHT_CERTIFICATE)
 
 
 def _certificate_of(folder: Path, rate: float | None) -> tuple[Certificate, Path]:

@@ -82,7 +82,7 @@ def test_what_is_refused_is_one_line(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("flatsat_ros.certificate.certificate.DEFAULT_CERTIFICATE", "paper_experiment")  # soon loaded
+    monkeypatch.setattr("flatsat_ros.certificate.certificate.FLIGHT_CERTIFICATE", "paper_experiment")  # soon loaded
     capsys.readouterr()
     assert main([option.format(file=waypoints, plan=planned, other=other) for option in options]) == 2
     error = capsys.readouterr().err

@@ -9,19 +9,19 @@ import pytest
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
-from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, load_certificate
+from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, load_certificate
 from flatsat_ros.demo import headless
 from flatsat_ros.demo.scenario import planned
 from flatsat_ros.plans import Bounds, Curve, Plan, PlannedDrone, Tube
 from flatsat_ros.plans.tubes import certified_tube, default_bounds
 
-CERTIFICATE = load_certificate(DEFAULT_CERTIFICATE)
+CERTIFICATE = load_certificate(FLIGHT_CERTIFICATE)
 
 
 @pytest.fixture(autouse=True)
 def loaded(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its proof takes seconds: once is enough."""
-    found = CERTIFICATE, config_path(DEFAULT_CERTIFICATE)
+    found = CERTIFICATE, config_path(FLIGHT_CERTIFICATE)
     monkeypatch.setattr("flatsat_ros.demo.scenario._default_certificate", lambda: found)
 
 

@@ -42,7 +42,7 @@ from flatsat_ros.nodes.ros.interfaces import Topic
 DEADLINE = 40.0  # s
 GOODBYE = 20.0  # s, for a process that was told to stop
 CLEARING = 0.5  # s, for the processes that a test leaves behind
-# How near its goal the controller keeps a drone, m, at the 10 Hz of its default certificate and with what disturbs it
+# How near its goal the controller keeps a drone, m, at the rate of its default certificate and with what disturbs it
 # compensated: 3 mm, and 3 cm where poses have 1 mm of noise (test/sim/test_lifecycle.py measures both); the rest is for
 # the pauses of a busy machine.
 NEAR = 0.05
