@@ -45,8 +45,7 @@ def _parser() -> shell.Parser:
     parser.add_argument(
         "--certificate",
         metavar="NAME_OR_PATH",
-        help="whose limits the references keep; with a flight section it proves tubes (default: that of the "
-        "controller)",
+        help="whose limits the references keep; with a flight section it proves tubes (default: cf21_adaptive_50hz)",
     )
     wishes = parser.add_argument_group("wishes")
     for option, unit, text in (

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from flatsat_ros.certificate.certificate import load_certificate
+from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, load_certificate
 from flatsat_ros.cli.plan import main
 from flatsat_ros.plans import Plan
 
@@ -43,6 +43,12 @@ def test_a_plan_is_written_and_proved_again(planned: Path, capsys: pytest.Captur
         f"tubes of {math.ceil(1e4 * radius) / 1e4:.4f} m: proved by cf21_adaptive_50hz",
     ):
         assert text in printed
+
+
+def test_the_help_names_the_certificate_that_is_taken(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    assert f"default: {FLIGHT_CERTIFICATE}" in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.fixture(scope="module")
