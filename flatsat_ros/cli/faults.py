@@ -26,6 +26,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> shell.Parser:
+    from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE
     from flatsat_ros.falsification.faults.live_table import LIVE_FAULTS
     from flatsat_ros.falsification.faults.phases import Phase
     from flatsat_ros.falsification.faults.table import FAULTS
@@ -38,6 +39,9 @@ def _parser() -> shell.Parser:
     parser.add_argument("--live", action="store_true", help="with real processes and in real time, in a hover")
     parser.add_argument("--fault", metavar="NAME", help="this one only")
     parser.add_argument("--phase", choices=[phase.value for phase in Phase], help="this one only")
+    parser.add_argument(
+        "--certificate", metavar="NAME_OR_PATH", help=f"that the drones are flown with (default: {DEFAULT_CERTIFICATE})"
+    )
     parser.add_argument("--workers", type=int, help="processes (default: one for each core)")
     parser.add_argument("--output", type=shell.path, help=f"folder of {_TABLE} and {_PAGE} (default: {_FOLDER})")
     parser.add_argument("--replay", metavar="FAULT:PHASE[:SEED]", help="one row again, moment by moment")
@@ -65,7 +69,8 @@ def _fly(arguments: argparse.Namespace) -> int:
         raise refusal("--workers", workers, "", "at least 1")
     phases = list(Phase) if arguments.phase is None else [Phase(arguments.phase)]
     wanted = [(name, phase) for name in _names(arguments, FAULTS) for phase in phases]
-    return _collect(fly_rows(wanted, workers), len(wanted), _folder(arguments))
+    certificate = _certificate(arguments)
+    return _collect(fly_rows(wanted, workers, certificate), len(wanted), _folder(arguments), certificate)
 
 
 def _fly_live(arguments: argparse.Namespace) -> int:
@@ -73,11 +78,17 @@ def _fly_live(arguments: argparse.Namespace) -> int:
     from flatsat_ros.falsification.faults.live import fly_live
     from flatsat_ros.falsification.faults.live_table import LIVE_FAULTS
 
-    shell.require_alone(arguments, "live", "fault", "output")
+    shell.require_alone(arguments, "live", "fault", "output", "certificate")
     require_ros()
-    folder = _folder(arguments)
+    folder, certificate = _folder(arguments), _certificate(arguments)
     names = _names(arguments, LIVE_FAULTS)
-    return _collect(fly_live(names, folder / "log"), len(names), folder)
+    return _collect(fly_live(names, folder / "log", certificate), len(names), folder, certificate)
+
+
+def _certificate(arguments: argparse.Namespace) -> str:
+    from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE
+
+    return arguments.certificate or DEFAULT_CERTIFICATE
 
 
 def _names(arguments: argparse.Namespace, faults: Mapping[str, object]) -> list[str]:
@@ -96,17 +107,23 @@ def _folder(arguments: argparse.Namespace) -> Path:
     return folder
 
 
-def _collect(flown: Generator[Row], count: int, folder: Path) -> int:
+def _collect(flown: Generator[Row], count: int, folder: Path, certificate: str) -> int:
     """Show how far it is, write what came of it beside what was there, and return the exit code."""
     from tqdm import tqdm
 
+    from flatsat_ros.base.errors import refusal
     from flatsat_ros.base.files import write_text
+    from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, load_certificate
     from flatsat_ros.falsification.faults.accepted import require_failing
     from flatsat_ros.falsification.faults.page import page, summary
     from flatsat_ros.falsification.faults.rows import load, merged, save
 
     rows: list[Row] = []
     table, began = folder / _TABLE, time.monotonic()
+    there = load(table) if table.exists() else []
+    name = load_certificate(certificate).name
+    if others := sorted({row.certificate for row in there} - {name}):
+        raise refusal(f"certificate of the rows in {table}", ", ".join(others), "", f"{name}: take another --output")
     try:
         with closing(flown), tqdm(total=count, desc="faults", bar_format=_BAR, mininterval=0.5) as bar:
             for row in flown:
@@ -115,14 +132,15 @@ def _collect(flown: Generator[Row], count: int, folder: Path) -> int:
                 bar.set_postfix_str(f"{failed} failed, {row.fault}:{row.phase}", refresh=False)
                 bar.update()
     finally:  # also when it is stopped
-        kept = merged(load(table) if table.exists() else [], rows)
+        kept = merged(there, rows)
         save(kept, table)
         write_text(folder / _PAGE, page(kept))
     for row in rows:
         if row.failed:
             print(f"FAILED {row.fault}:{row.phase}: {'; '.join(row.broken)}")
     print(f"{summary(rows)} In {time.monotonic() - began:.0f} s; see {folder / _PAGE}")
-    require_failing(rows)
+    if name == DEFAULT_CERTIFICATE:  # what is accepted was flown with it
+        require_failing(rows)
     return 1 if any(row.failed for row in rows) else 0
 
 
@@ -133,14 +151,14 @@ def _replay(arguments: argparse.Namespace) -> int:
     from flatsat_ros.falsification.faults.rows import SEED, replay
     from flatsat_ros.falsification.faults.table import FAULTS
 
-    shell.require_alone(arguments, "replay")
+    shell.require_alone(arguments, "replay", "certificate")
     phases = [phase.value for phase in Phase]
     name, _, rest = arguments.replay.partition(":")
     phase, _, seed = rest.partition(":")
     if name not in FAULTS or phase not in phases or not (seed or "0").isdecimal():
         valid = f"FAULT:PHASE or FAULT:PHASE:SEED with a fault of --help and a phase of {', '.join(phases)}"
         raise refusal("--replay", arguments.replay, "", valid)
-    row, scene = replay(name, Phase(phase), int(seed) if seed else SEED)
+    row, scene = replay(name, Phase(phase), int(seed) if seed else SEED, _certificate(arguments))
     print(history(row, scene))
     return 1 if row.failed else 0
 

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE
 from flatsat_ros.cli.faults import main
 
-KEYS = {"fault", "phase", "passed", "accepted", "impact_m_s", "distance_m", "said", "seed"}
+KEYS = {"fault", "phase", "passed", "accepted", "impact_m_s", "distance_m", "said", "seed", "certificate"}
 
 
 def test_rows_are_flown_and_written_beside_those_that_are_there(
@@ -24,6 +25,7 @@ def test_rows_are_flown_and_written_beside_those_that_are_there(
     assert (row["fault"], row["phase"], row["passed"]) == ("nothing", "take-off", True)
     assert "| `nothing` |" in (tmp_path / "out" / "faults.md").read_text(encoding="utf-8")
     assert main(["--fault", "emergency_early", *arguments[2:-4], "--workers", "1", *arguments[-2:]]) == 0
+    assert row["certificate"] == DEFAULT_CERTIFICATE
     assert "2 rows: 2 passed" in (tmp_path / "out" / "faults.md").read_text(encoding="utf-8")
 
 
@@ -38,6 +40,20 @@ def test_a_replay_comes_to_the_same_as_the_row(tmp_path: Path, capsys: pytest.Ca
     assert re.findall(r"^BROKEN: (.*)$", shown, re.MULTILINE) == row["broken"]
     # the history: ends with the drone on the floor
     assert re.search(r"^ *\d+\.\d\d +0 \w+ +-?\d\.\d{3} +-?\d\.\d{3} +0\.000", shown, re.MULTILINE)
+
+
+def test_another_certificate_is_flown_but_not_into_the_same_table(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["--fault", "nothing", "--phase", "take-off", "--workers", "1", "--output", str(tmp_path)]
+    assert main([*arguments, "--certificate", "soft"]) == 2
+    assert "'soft'" in capsys.readouterr().err
+    assert main([*arguments, "--certificate", "cf21_tight_50hz"]) == 0
+    (row,) = json.loads((tmp_path / "table.json").read_text(encoding="utf-8"))["rows"]
+    assert row["certificate"] == "cf21_tight_50hz"
+    capsys.readouterr()
+    assert main(arguments) == 2
+    assert "= 'cf21_tight_50hz': must be" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

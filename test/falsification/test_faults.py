@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE
 from flatsat_ros.falsification.faults import scene as scenes
 from flatsat_ros.falsification.faults.accepted import (
     ACCEPTED,
@@ -66,6 +67,7 @@ SAMPLE = [
 def row(**changes: object) -> Row:
     """A row that passed, with changes."""
     figures = {"impact_m_s": 0.3, "distance_m": 0.25, "said": [], "seed": 1, "separation_m": 1.0, "broken": []}
+    figures["certificate"] = DEFAULT_CERTIFICATE
     return Row(**{"fault": "y_up", "phase": "hover", "passed": True, "accepted": False, **figures, **changes})  # type: ignore[arg-type]
 
 
@@ -280,6 +282,11 @@ def test_the_page_shows_every_row_and_marks_what_broke() -> None:
     assert "- `y_up:swap`: it fell" in shown
     assert "| `poses_lost_1s` | no pose for 1 s | does what it was told | 0.30 | 0.25 |  |" in shown
     assert cell(replace(rows[1], accepted=True)) == "4.00, - (accepted)"
+    assert f"with certificate `{DEFAULT_CERTIFICATE}`" in shown
+    assert "\nros2 run flatsat_ros faults --replay" in shown
+    shown = page([row(certificate="soft")])
+    assert "with certificate `soft`" in shown
+    assert "\nros2 run flatsat_ros faults --certificate NAME_OR_PATH --replay" in shown
 
 
 def test_the_page_tells_what_happens_in_accepted_rows_and_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:

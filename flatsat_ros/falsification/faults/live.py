@@ -14,6 +14,7 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError, one_line
 from flatsat_ros.base.files import make_folder
+from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.demo.live import SLICE, Live
 from flatsat_ros.demo.processes import command_of, end, start
@@ -21,7 +22,7 @@ from flatsat_ros.falsification.faults.criteria import Outcome, Remark, broken
 from flatsat_ros.falsification.faults.live_table import LIVE_FAULTS, LiveFault
 from flatsat_ros.falsification.faults.record import Record
 from flatsat_ros.falsification.faults.rows import Row, row_of
-from flatsat_ros.falsification.faults.scene import CERTIFICATE, TEXT, VEHICLE
+from flatsat_ros.falsification.faults.scene import TEXT, VEHICLE
 from flatsat_ros.falsification.faults.table import LIVE
 
 if TYPE_CHECKING:
@@ -38,14 +39,24 @@ _LAST = 0.5  # s: the motors turn in the end if a thrust was sent so recently
 _ENDING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL}
 
 
-def fly_live(wanted: Sequence[str], folder: Path) -> Generator[Row]:
-    """Yield the rows of live faults, by name, in their order; the nodes' logs go below the folder."""
+def fly_live(wanted: Sequence[str], folder: Path, certificate: str) -> Generator[Row]:
+    """Yield the rows of live faults, by name, in their order; the nodes' logs go below the folder.
+
+    Args:
+        wanted: the faults.
+        folder: of the logs.
+        certificate: that the controller flies: packaged name or path.
+
+    Raises:
+        FlatsatError: there is no such certificate.
+    """
+    shown = load_certificate(certificate).name
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     for name in wanted:
-        yield _fly(LIVE_FAULTS[name], folder / name)
+        yield _fly(LIVE_FAULTS[name], folder / name, certificate, shown)
 
 
-def _fly(fault: LiveFault, logs: Path) -> Row:
+def _fly(fault: LiveFault, logs: Path, certificate: str, shown: str) -> Row:
     from flatsat_ros.nodes.conductor import conducting
     from flatsat_ros.nodes.fault_lab import FaultLab
 
@@ -53,12 +64,12 @@ def _fly(fault: LiveFault, logs: Path) -> Row:
     namespace = f"/faults/{fault.name}"
     nodes: dict[str, subprocess.Popen[bytes]] = {}
     with conducting(ROBOTS, namespace, FaultLab) as lab:
-        flight = LiveFlight(lab, nodes, _commands(namespace, fault.height), logs)
+        flight = LiveFlight(lab, nodes, _commands(namespace, fault.height, certificate), logs)
         try:
             flight.prepared = b"" if fault.prepare is None else fault.prepare(lab)
-            return _judged(fault, _perform(fault, flight), flight)
+            return _judged(fault, _perform(fault, flight), flight, shown)
         except FlatsatError as error:  # the drones did not come as far as the fault
-            return row_of(fault.name, LIVE, 0, [], [], [], [one_line(str(error), TEXT)])
+            return row_of(fault.name, LIVE, 0, [], [], [], [one_line(str(error), TEXT)], shown)
         finally:
             for process in nodes.values():
                 if process.poll() is None:
@@ -66,7 +77,7 @@ def _fly(fault: LiveFault, logs: Path) -> Row:
             end(nodes)
 
 
-def _commands(namespace: str, height: float) -> dict[str, list[str]]:
+def _commands(namespace: str, height: float, certificate: str) -> dict[str, list[str]]:
     """Return the command line of every node by name."""
     from flatsat_ros.nodes.fault_relay import UPSTREAM
 
@@ -74,7 +85,7 @@ def _commands(namespace: str, height: float) -> dict[str, list[str]]:
     controller = command_of(
         "controller_node",
         namespace,
-        {"robot_names": names, "certificate": CERTIFICATE, "vehicle": VEHICLE, "takeoff_height": repr(height)},
+        {"robot_names": names, "certificate": certificate, "vehicle": VEHICLE, "takeoff_height": repr(height)},
     )
     starts = str([entry for place in _STARTS for entry in place])
     drones = {"robot_names": names, "vehicle": VEHICLE, "start_positions": starts, "position_noise": "0.0"}
@@ -231,7 +242,7 @@ def _perform(fault: LiveFault, flight: LiveFlight) -> float:
     return began
 
 
-def _judged(fault: LiveFault, began: float, flight: LiveFlight) -> Row:
+def _judged(fault: LiveFault, began: float, flight: LiveFlight, certificate: str) -> Row:
     """Judge a flight from its record since the fault."""
     outcomes = _outcomes(began, flight)
     problems = [flight.failure] if flight.failure else []
@@ -241,7 +252,7 @@ def _judged(fault: LiveFault, began: float, flight: LiveFlight) -> Row:
             problems.append(f"the controller {'has not ended' if code is None else f'ended with exit code {code}'}")
     remarks = flight.heard()
     problems += broken(outcomes, fault.bounds, fault.victims, remarks, lands=False)
-    return row_of(fault.name, LIVE, 0, outcomes, fault.victims, remarks, problems)
+    return row_of(fault.name, LIVE, 0, outcomes, fault.victims, remarks, problems, certificate)
 
 
 def _outcomes(began: float, flight: LiveFlight) -> list[Outcome]:

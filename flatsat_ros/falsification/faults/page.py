@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 
+from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE
 from flatsat_ros.falsification.faults.accepted import ACCEPTED
 from flatsat_ros.falsification.faults.criteria import Remark
 from flatsat_ros.falsification.faults.fault import Fault
@@ -20,15 +21,15 @@ _HEAD = """# Faults
 What happens when something goes wrong around the controller. Written by `ros2 run flatsat_ros faults`, which flies
 every fault in every phase of flight; edit the package, not this page.
 
-The flights are on simulated time: the pilot that the controller runs, with certificate `cf21_50hz`, vehicle profile
-`cf21` and the simulated drones with their firmware. What a row must keep was written down before it was flown, but for
-take-offs that lose their poses: before the thrust has been learnt they may meet the floor at 1.5 m/s, with 10 % of the
-thrust missing at 2 m/s, which was set after the first flights. One row again, moment by moment, and one with real
-processes:
+The flights are on simulated time: the pilot that the controller runs, with certificate {certificate}, vehicle
+profile `cf21` and the simulated drones with their firmware. What a row must keep was written down before it was flown,
+but for take-offs that lose their poses: before the thrust has been learnt they may meet the floor at 1.5 m/s, with 10 %
+of the thrust missing at 2 m/s, which was set after the first flights. One row again, moment by moment, and one with
+real processes:
 
 ```sh
-ros2 run flatsat_ros faults --replay poses_lost_1s:hover
-ros2 run flatsat_ros faults --live --fault poses_lost_1s
+ros2 run flatsat_ros faults{option} --replay poses_lost_1s:hover
+ros2 run flatsat_ros faults{option} --live --fault poses_lost_1s
 ```
 """
 _RESULTS = """The worst over all phases: the largest speed at which a drone with the fault met the floor, and how far it
@@ -54,7 +55,7 @@ def page(rows: Sequence[Row]) -> str:
     flown = {name for name, phase in found if phase != LIVE}
     faults = [fault for fault in FAULTS.values() if fault.name in flown]
     live = [fault for fault in LIVE_FAULTS.values() if (fault.name, LIVE) in found]
-    parts = [_HEAD, summary(rows) + "\n"]
+    parts = [_head(rows), summary(rows) + "\n"]
     if faults:
         worst = (_result(f, [found[f.name, p.value] for p in Phase if (f.name, p.value) in found]) for f in faults)
         parts.append("## Results\n\n" + _RESULTS + "\n" + _table(_RESULTS_HEAD, worst))
@@ -72,6 +73,13 @@ def page(rows: Sequence[Row]) -> str:
         parts.append("## Phase by phase\n\n" + _PHASES + "\n" + _table(head, cells))
         parts.append("When the fault happens:\n\n" + _table(["phase", "the drones"], _phases()))
     return "\n".join([*parts, bounds_of([*faults, *live])])
+
+
+def _head(rows: Sequence[Row]) -> str:
+    """Return the beginning of the page, with the certificate that was flown."""
+    names = sorted({row.certificate for row in rows}) or [DEFAULT_CERTIFICATE]
+    option = "" if names == [DEFAULT_CERTIFICATE] else " --certificate NAME_OR_PATH"
+    return _HEAD.format(certificate=" and ".join(f"`{name}`" for name in names), option=option)
 
 
 def bounds_of(faults: Iterable[Fault | LiveFault]) -> str:

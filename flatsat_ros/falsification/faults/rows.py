@@ -7,7 +7,7 @@ import math
 from collections.abc import Generator, Iterable, Sequence
 from copy import deepcopy
 from dataclasses import asdict, dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from flatsat_ros.base.errors import one_line
 from flatsat_ros.base.files import located, read_text, write_text
+from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE
 from flatsat_ros.falsification.faults.accepted import accepted_rows
 from flatsat_ros.falsification.faults.criteria import Outcome, Remark, broken
 from flatsat_ros.falsification.faults.fault import Fault
@@ -45,6 +46,7 @@ class Row:
         seed: of everything random.
         separation_m: least distance of any two drones in the air; None if there was none.
         broken: the bounds that were broken, as sentences.
+        certificate: name of that which was flown.
     """
 
     fault: str
@@ -57,6 +59,7 @@ class Row:
     seed: int
     separation_m: float | None
     broken: list[str]
+    certificate: str
 
     @property
     def failed(self) -> bool:
@@ -64,27 +67,29 @@ class Row:
         return not (self.passed or self.accepted)
 
 
-def fly_rows(wanted: Sequence[tuple[str, Phase]], workers: int) -> Generator[Row]:
-    """Yield the rows of faults, by name, in phases; see `results_of`."""
-    yield from results_of(_row, wanted, workers)
+def fly_rows(
+    wanted: Sequence[tuple[str, Phase]], workers: int, certificate: str = DEFAULT_CERTIFICATE
+) -> Generator[Row]:
+    """Yield the rows of faults, by name, in phases, flown with a certificate; see `results_of`."""
+    yield from results_of(partial(_row, certificate=certificate), wanted, workers)
 
 
-def _row(which: tuple[str, Phase]) -> Row:
-    return fly_row(*which)
+def _row(which: tuple[str, Phase], certificate: str) -> Row:
+    return fly_row(*which, certificate=certificate)
 
 
-def fly_row(name: str, phase: Phase, seed: int = SEED) -> Row:
+def fly_row(name: str, phase: Phase, seed: int = SEED, certificate: str = DEFAULT_CERTIFICATE) -> Row:
     """Fly one row."""
     fault = FAULTS[name]
     if fault.fleet or _is_early(fault, phase):
-        return replay(name, phase, seed)[0]
-    return _finish(name, phase, deepcopy(_reached(phase, fault.height, seed)))
+        return replay(name, phase, seed, certificate)[0]
+    return _finish(name, phase, deepcopy(_reached(phase, fault.height, seed, certificate)))
 
 
-def replay(name: str, phase: Phase, seed: int = SEED) -> tuple[Row, Scene]:
+def replay(name: str, phase: Phase, seed: int = SEED, certificate: str = DEFAULT_CERTIFICATE) -> tuple[Row, Scene]:
     """Fly one row from its beginning, and return it with its flight, whose moments are kept."""
     fault = FAULTS[name]
-    scene = Scene(PLANS[phase].starts, seed, keep=True, **fault.fleet)
+    scene = Scene(PLANS[phase].starts, seed, keep=True, certificate=certificate, **fault.fleet)
     if not _is_early(fault, phase):
         _reach(phase, scene, fault.height)
         return _finish(name, phase, scene), scene
@@ -100,9 +105,9 @@ def _is_early(fault: Fault, phase: Phase) -> bool:
 
 
 @cache
-def _reached(phase: Phase, height: float, seed: int) -> Scene:
+def _reached(phase: Phase, height: float, seed: int, certificate: str) -> Scene:
     """Return a flight at the moment of the fault: the same for every fault that is not there before."""
-    scene = Scene(PLANS[phase].starts, seed)
+    scene = Scene(PLANS[phase].starts, seed, certificate=certificate)
     _reach(phase, scene, height)
     return scene
 
@@ -147,7 +152,7 @@ def _judged(name: str, phase: Phase, scene: Scene, begin: float) -> Row:
     outcomes = scene.outcomes()
     problems = [f"the controller ended: {scene.failure}"] if scene.failure else []
     problems += broken(outcomes, bounds, victims, remarks, lands=PLANS[phase].lands)
-    return row_of(name, phase.value, scene.seed, outcomes, victims, remarks, problems)
+    return row_of(name, phase.value, scene.seed, outcomes, victims, remarks, problems, scene.certificate.name)
 
 
 def row_of(
@@ -158,6 +163,7 @@ def row_of(
     victims: Sequence[int],
     remarks: Iterable[Remark],
     problems: list[str],
+    certificate: str,
 ) -> Row:
     """Return the row of a flight.
 
@@ -169,6 +175,7 @@ def row_of(
         victims: the drones with the fault.
         remarks: what was told since the fault.
         problems: the bounds that were broken.
+        certificate: name of that which was flown.
     """
     said = dict.fromkeys(f"drone {remark.drone}: {remark.text}" for remark in remarks if remark.drone in victims)
     own = [outcomes[drone] for drone in victims]
@@ -183,6 +190,7 @@ def row_of(
         seed=seed,
         separation_m=_rounded(float(np.min([outcome.separation for outcome in outcomes], initial=np.inf))),
         broken=problems,
+        certificate=certificate,
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import NANOSECONDS
 from flatsat_ros.base.errors import FlatsatError, one_line
-from flatsat_ros.certificate.certificate import load_certificate
+from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, load_certificate
 from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint, setpoint_from_command
 from flatsat_ros.falsification.faults.criteria import Outcome, Remark
@@ -27,7 +27,6 @@ from flatsat_ros.sim.faults import FaultyLink
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.sensor import MotionCapture, Sample
 
-CERTIFICATE = "cf21_50hz"
 VEHICLE = "cf21"
 NOISE = 5e-4  # m, standard deviation of the motion capture
 EPOCH = 1_700_000_000  # s, what the clocks show at the beginning
@@ -98,6 +97,7 @@ class Scene:
         floor: float = 0.0,
         stopped: Sequence[int] = (),
         keep: bool = False,
+        certificate: str = DEFAULT_CERTIFICATE,
         **fleet: Any,
     ) -> None:
         """Put drones on the floor at (N, 2), m, and start the pilot.
@@ -108,9 +108,10 @@ class Scene:
             floor: its height, m.
             stopped: drones with an emergency stop.
             keep: keep the moments.
+            certificate: that is flown: packaged name or path.
             fleet: further arguments of the SimulatedFleet.
         """
-        self.certificate, self.vehicle = load_certificate(CERTIFICATE), load_vehicle(VEHICLE)
+        self.certificate, self.vehicle = load_certificate(certificate), load_vehicle(VEHICLE)
         places = np.column_stack([starts, np.full(len(starts), floor)])
         self.fleet = SimulatedFleet(
             self.vehicle,
