@@ -34,6 +34,8 @@ _HEADER = 4  # bytes before the first field
 _FARTHEST, _FASTEST, _HARDEST = 1e4, 1e3, 1e3
 # a trajectory starts within this time of now, s: beyond, its stamp is of another clock
 _EARLIEST = 3600.0
+# a quaternion that was typed with one digit is no farther from unit length
+_LENGTH_ERROR = 0.1
 
 # one point with one transform, velocity and acceleration each: fields, their types and numbers of values
 _POINT = (
@@ -123,16 +125,16 @@ def require_short(data: bytes) -> None:
 
 
 def yaw_from_quaternion(x: float, y: float, z: float, w: float) -> float:
-    """Return psi, rad, of a quaternion of any length; the all-zero quaternion of an unset field means 0.
+    """Return psi, rad, of a quaternion of about unit length; the all-zero quaternion of an unset field means 0.
 
     Raises:
-        FlatsatError: a value is not finite.
+        FlatsatError: the quaternion has another length, or a value is not finite.
     """
-    require(all(map(math.isfinite, (x, y, z, w))), "orientation", (x, y, z, w), "", "finite")
-    largest = max(abs(x), abs(y), abs(z), abs(w))
-    if largest == 0.0:
+    length = math.hypot(x, y, z, w)
+    if length == 0.0:
         return 0.0
-    x, y, z, w = x / largest, y / largest, z / largest, w / largest
+    good = abs(length - 1.0) <= _LENGTH_ERROR
+    require(good, "orientation", (x, y, z, w), "", f"of length 1 +- {_LENGTH_ERROR:g}, or left at zeros")
     return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
 
