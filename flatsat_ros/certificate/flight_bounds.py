@@ -52,7 +52,7 @@ class Bounds:
         self._changing = cell.changing if lag_varies else np.zeros_like(cell.changing)
         gain, self._deviation = (gain_min + gain_max) / 2.0, (gain_max - gain_min) / 2.0
         loop = cell.loop
-        size, h = loop.size, loop.design.period
+        size, h, model = loop.size, loop.design.period, loop.design.model
         command = loop.compensation + gain * loop.feedback
 
         def closed(rows: FloatArray) -> FloatArray:
@@ -75,6 +75,8 @@ class Bounds:
         columns |= {
             "pulse": [cell.pulse],
             "push": [w * loop.push_input(t) for w, t in zip(weights, times, strict=True)],
+            "ripple": [cell.unit_inputs @ loop.plant.system[0] @ loop.plant.hold(h / 2.0)[0][:, -1]],
+            "model_ripple": [loop.model_unit_inputs @ model.system[0] @ model.hold(h / 2.0)[0] @ model.system[1]],
             "plant": list(cell.unit_inputs.T),
             "model": list(loop.model_unit_inputs.T),
         }
@@ -129,6 +131,28 @@ class Bounds:
             A, B, _ = loop.design.model.system
             bend = np.abs(A) @ np.abs(A) @ exponential(np.abs(A) * h) @ np.abs(B)
             values[part["model"]] += curve * bend * others["model_drive"]
+        return values
+
+    def held(self, ripple: float, model_ripple: float) -> FloatArray:
+        """Return bounds (columns,) of what is left of inputs that grow within a period from -h/2 to h/2 of a slope.
+
+        Where in the period that begins does not matter; over the period its mean is 0.
+
+        Args:
+            ripple: largest slope at the last row, per s.
+            model_ripple: at the input of the nominal plant, m/s^3.
+        """
+        loop, part, values = self.cell.loop, self._part, np.zeros(self._inputs.shape[1])
+        h, size = loop.design.period, np.abs(loop.plant.system[0])
+        A, B, _ = loop.design.model.system
+        weight, curve = (
+            h**3 / 12.0,
+            h**4 / 24.0,
+        )  # of the answer's slope in the middle, and its change
+        values[part["ripple"]], values[part["model_ripple"]] = weight * ripple, weight * model_ripple
+        values[part["plant"]] = curve * ripple * (size @ size @ self.cell.growth[:, -1])
+        bend = np.abs(A) @ np.abs(A) @ exponential(np.abs(A) * h) @ np.abs(B)
+        values[part["model"]] = curve * model_ripple * bend
         return values
 
     def _between(self, values: FloatArray, leak: FloatArray) -> tuple[FloatArray, float]:

@@ -50,23 +50,35 @@ class Assumptions:
     def drive(self, model: Plant, period: float, low: Plant, high: Plant) -> float:
         """Return a bound of what f has too much for the reference at the input of any plant between two, m/s^2.
 
+        It is without the ripple that is there because f is held for a period while the reference moves on.
+
         Args:
             model: the nominal plant, for which f is made.
             period: h, s.
             low: least figures of the plants.
             high: largest figures of the plants.
         """
-        asked = model.drag + model.tilt
-        jerk, snap = self.jerk + asked * self.acceleration, self.snap + asked * self.jerk
+        jerk, snap = self.ripple(model), self.snap + (model.drag + model.tilt) * self.jerk
         second = low.frequency > 0.0
         shortest = 2.0 * low.damping / high.frequency if second else low.lag
         longest = 2.0 * high.damping / low.frequency if second else high.lag
         lag = 1.0 / low.frequency**2 if second else 0.0
         due = model.lead + model.delay  # f is taken ahead by so much, and by half a period
-        early = max(abs(due - longest - high.delay), abs(due - shortest - low.delay)) + period / 2.0
+        early = max(abs(due - longest - high.delay), abs(due - shortest - low.delay))
         ahead = max(abs(low.delay - model.delay), abs(high.delay - model.delay)) + period / 2.0
+        bend = ahead**2 / 2.0 + model.lead * ahead + lag + period**2 / 4.0
         tilted = high.tilt / low.gain * (longest * self.acceleration + lag * self.jerk)
-        return early * jerk + (ahead**2 / 2.0 + model.lead * ahead + lag) * snap + tilted
+        return early * jerk + bend * snap + tilted
+
+    def ripple(self, model: Plant) -> float:
+        """Return a bound of how fast f has to change for the reference, m/s^3.
+
+        While f is held it has too little and then too much by this times the distance in time from the middle.
+
+        Args:
+            model: the nominal plant.
+        """
+        return self.jerk + (model.drag + model.tilt) * self.acceleration
 
     def rate(self, model: Plant, low: Plant, high: Plant) -> float:
         """Return a bound of D', m/s^3, on any plant between two: of nature, and of what the loop makes of references.
@@ -138,8 +150,15 @@ def cell_tube(
         share=cell.share_error * rate,
         model_drive=model_drive,
     )
+    ripple = assumptions.ripple(model)
+    inputs += bounds.held(cell.port_gain * ripple, ripple)
+    most = ripple * period / 2.0
     settled = bounds.settled(
-        *bounds.answered(inputs), cell.port_gain * error, rate, model_drive, assumptions.pose_age / 2.0
+        *bounds.answered(inputs),
+        cell.port_gain * (error + most),
+        rate,
+        model_drive + most,
+        assumptions.pose_age / 2.0,
     )
     if settled is None:
         return Tube(math.inf, math.inf, math.inf, math.inf)

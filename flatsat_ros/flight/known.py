@@ -69,9 +69,10 @@ def _corners(low: Plant, high: Plant) -> list[Plant]:
 def _sums(loop: FlightLoop, gain: float, assumptions: Assumptions, low: Plant, high: Plant) -> FloatArray:
     """Return the largest innovation without the noise of its pose, and errors of position and velocity, (3,)."""
     h, n = loop.design.period, loop.plant.size
-    error = assumptions.drive(loop.design.model, h, low, high) * loop.plant.gain
-    own = assumptions.drive(loop.design.model, h, loop.design.model, loop.design.model)
-    rate = assumptions.rate(loop.design.model, low, high)
+    model = loop.design.model
+    error = assumptions.drive(model, h, low, high) * loop.plant.gain
+    own = assumptions.drive(model, h, model, model)
+    rate = assumptions.rate(model, low, high)
     middle = h / 2.0
     inputs = np.stack(
         [

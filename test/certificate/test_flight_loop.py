@@ -201,7 +201,9 @@ def test_what_references_do_to_the_loop_is_bounded(one: Plant, other: Plant, mod
     assumptions = Assumptions(0.0, 0.0, *largest)
     within = np.linspace(0.0, PERIOD, 21)[:-1]
     errors = reference.ahead(0.0) - reference.needed(plant)(plant.delay + within)
-    assert np.abs(errors).max() <= assumptions.drive(model, PERIOD, low, high) * (1.0 + 1e-9)
+    ripple = (within - PERIOD / 2.0) * reference.asked.deriv()(plant.delay + PERIOD / 2.0)
+    assert np.abs(errors + ripple).max() <= assumptions.drive(model, PERIOD, low, high) * (1.0 + 1e-9)
+    assert np.abs(reference.asked.deriv()(times)).max() <= assumptions.ripple(model) * (1.0 + 1e-9)
     unknown = model.drag + model.tilt - plant.drag - plant.tilt
     rate = (plant.gain - 1.0) * reference.asked.deriv() + unknown * reference.position.deriv(2)
     assert np.abs(rate(times)).max() <= assumptions.rate(model, low, high) * (1.0 + 1e-9)
