@@ -9,7 +9,8 @@ length T,
 
 is what is left to the straight line, whatever its speed V: the direction is D/|D|, V = min(V_max, |D|/T), and the
 constant part takes (|D| - V T)/V. The shortest T that keeps all limits is taken. Where there is none, the acceleration
-is brought to zero first, by a cubic in time, if that is better.
+is brought to zero first, by a cubic in time, if that is better. Who moves away from the goal, or too fast towards it,
+would go far astray in such a T: where braking first and then setting out from rest takes less time, that is the path.
 
 Horizontal and vertical are planned apart, so that one can stand still while the other moves.
 """
@@ -170,6 +171,31 @@ class _Change(NamedTuple):
 
 def _to_rest(motion: FloatArray, goal: FloatArray, limits: PathLimits, acceleration: float, walls: _Walls) -> _Part:
     """Return the path of some axes; the arguments are those of `path_to`, (4, d) and (d,)."""
+    excess, direct = _straight(motion, goal, limits, acceleration, walls)
+    if not motion[1].any() or np.isnan(goal).all():
+        return direct
+    worse, braking = _straight(motion, np.full_like(goal, np.nan), limits, acceleration, walls)
+    rest = np.zeros_like(motion)
+    rest[0] = braking.coefficients[-1, 0]
+    worst, onward = _straight(rest, goal, limits, acceleration, walls)
+    longer = excess <= _ROUNDING and _end(braking) + _end(onward) >= _end(direct)
+    if longer or max(worse, worst) > _ROUNDING:
+        return direct
+    return _Part(
+        np.concatenate([braking.ends, _end(braking) + onward.ends]),
+        np.concatenate([braking.coefficients[:-1], onward.coefficients]),
+    )
+
+
+def _end(part: _Part) -> float:
+    """Return the time at which a part is at rest, s."""
+    return float(part.ends[-1]) if part.ends.size else 0.0
+
+
+def _straight(
+    motion: FloatArray, goal: FloatArray, limits: PathLimits, acceleration: float, walls: _Walls
+) -> tuple[float, _Part]:
+    """Return the path to a goal without a rest on the way, and by how much it exceeds its limits."""
     lengths: list[float] = []
     pieces: list[FloatArray] = []
     change = _change(motion, goal, limits, acceleration, walls)
@@ -198,7 +224,7 @@ def _to_rest(motion: FloatArray, goal: FloatArray, limits: PathLimits, accelerat
         if v1.any():
             lengths, pieces = [*lengths, change.duration], [*pieces, _integrated(last, place)]
             place = _value(pieces[-1], change.duration)
-    return _Part(np.cumsum(lengths), np.array([*pieces, _constant(place)[0]]))
+    return change.excess, _Part(np.cumsum(lengths), np.array([*pieces, _constant(place)[0]]))
 
 
 def _change(motion: FloatArray, goal: FloatArray, limits: PathLimits, acceleration: float, walls: _Walls) -> _Change:

@@ -108,3 +108,25 @@ def test_too_near_to_the_floor_to_brake_in_time_makes_no_detour(
     path = path_to(motion, np.array([0.0, 0.5, goal]), 0.0, BOUNDS, BOX)
     heights = [path.sample(t)[2] for t in np.linspace(0.0, path.times[-1], 300)]
     assert max(heights) <= max(goal, height) + 0.4
+
+
+@given(goal=places, velocity=st.lists(st.floats(-0.5, 0.5), min_size=3, max_size=3))
+@settings(max_examples=60)
+def test_no_path_takes_longer_than_braking_and_setting_out_from_rest(goal: np.ndarray, velocity: list[float]) -> None:
+    motion = resting(np.array([0.0, 0.0, 2.0]))
+    motion[1] = velocity
+    braking = path_to(motion, np.full(3, np.nan), 0.0, BOUNDS, BOX)
+    onward = path_to(resting(braking.end), goal, 0.0, BOUNDS, BOX)
+    path = path_to(motion, goal, 0.0, BOUNDS, BOX)
+    assert path.times[-1] <= braking.times[-1] + onward.times[-1] + 1e-9
+
+
+def test_who_sinks_turns_round_after_the_way_that_braking_takes() -> None:
+    motion = resting(np.array([0.0, 0.0, 0.8]))
+    motion[1, 2] = -0.48
+    lowest = [
+        min(path.sample(t)[2] for t in np.linspace(0.0, path.times[-1], 300))
+        for goal in (math.nan, 1.0)
+        for path in [path_to(motion, np.array([0.0, 0.0, goal]), 0.0, BOUNDS, BOX)]
+    ]
+    assert lowest[1] == pytest.approx(lowest[0], abs=1e-3)
