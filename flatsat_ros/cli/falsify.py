@@ -6,13 +6,16 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
+from typing import TypeVar
 
 from flatsat_ros.cli import shell
 
 _RUNS, _SECONDS = 1_000_000, 540.0  # by default
 _FLIGHTS = 1000  # of plans
+
+Result = TypeVar("Result")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -30,6 +33,11 @@ def _parser() -> shell.Parser:
         "campaigns: " + "; ".join(f"{name}: {text}" for name, text in CAMPAIGNS.items()),
     )
     wrong = "; ".join(f"{name}: {text}" for name, text in SABOTAGES.items()).replace("%", "%%")
+    parser.add_argument(
+        "attacked", nargs="?", metavar="CERTIFICATE",
+        help="attack what this one's flight section claims, with the controller's own code; a name or a path, proved "
+        "or not (default: campaigns against certificates that they draw)",
+    )  # fmt: skip
     parser.add_argument("--runs", type=int, help=f"closed loops in all (default: {_RUNS})")
     parser.add_argument("--seconds", type=float, help=f"stop after so long (default: {_SECONDS:g})")
     parser.add_argument("--campaign", choices=CAMPAIGNS, help="this one only")
@@ -53,75 +61,137 @@ def _run(arguments: argparse.Namespace) -> int:
         return _fly_plans(arguments)
     if arguments.certificate is not None:
         raise FlatsatError("--certificate: used with --plans only; campaigns draw theirs")
+    if arguments.attacked is not None:
+        return _attack(arguments)
     return _fly(arguments) if arguments.replay is None else _replay(arguments)
 
 
-def _fly_plans(arguments: argparse.Namespace) -> int:
-    from functools import partial
-
-    from tqdm import tqdm
-
+def _asked(arguments: argparse.Namespace, most: int) -> tuple[int, float, int, int]:
+    """Return runs, by default the most, seconds, first seed and number of workers."""
     from flatsat_ros.base.errors import FlatsatError
-    from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, load_certificate
-    from flatsat_ros.falsification.plans import Attack, made, report, tasks
-    from flatsat_ros.falsification.workers import results_of
-    from flatsat_ros.plans import Plan
 
-    shell.require_alone(arguments, "plans", "certificate", "runs", "seconds", "seed", "workers")
-    runs = _FLIGHTS if arguments.runs is None else arguments.runs
-    seconds = _SECONDS if arguments.seconds is None else arguments.seconds
-    seed, workers = arguments.seed or 0, arguments.workers or os.cpu_count() or 1
-    if min(runs, workers) < 1 or seed < 0 or not seconds > 0.0:
-        raise FlatsatError("--runs, --workers and --seconds must be above 0, --seed at least 0")
-    certificate = load_certificate(arguments.certificate or FLIGHT_CERTIFICATE)
-    plans = [Plan.load(path) for path in arguments.plans]
-    work = partial(made, plans=plans, certificate=certificate)
-    attacks: list[tuple[str, Attack]] = []
-    began = time.monotonic()
-    given = tasks(len(plans), seed)
-    with (
-        closing(results_of(work, tasks(len(plans), seed), workers)) as found,
-        tqdm(total=runs, unit=" flights", desc="falsify", mininterval=0.5) as bar,
-    ):
-        for task, one in zip(given, found, strict=False):
-            attacks.append((plans[task.plan].name, one))
-            bar.update(one.flights)
-            if bar.n >= runs or time.monotonic() - began > seconds:
-                break
-    print(report(attacks, time.monotonic() - began))
-    return 1 if any(one.breaches for _, one in attacks) else 0
-
-
-def _fly(arguments: argparse.Namespace) -> int:
-    from tqdm import tqdm
-
-    from flatsat_ros.base.errors import FlatsatError
-    from flatsat_ros.falsification.campaigns import CAMPAIGNS, RUNS
-    from flatsat_ros.falsification.certificates import synthesized_for
-    from flatsat_ros.falsification.report import Tally
-    from flatsat_ros.falsification.series import batches_of, run_batches
-
-    runs = _RUNS if arguments.runs is None else arguments.runs
+    runs = most if arguments.runs is None else arguments.runs
     seconds = _SECONDS if arguments.seconds is None else arguments.seconds
     seed = arguments.seed or 0
     workers = os.cpu_count() or 1 if arguments.workers is None else arguments.workers
     if min(runs, workers) < 1 or seed < 0 or not seconds > 0.0:
         raise FlatsatError("--runs, --workers and --seconds must be above 0, --seed at least 0")
+    return runs, seconds, seed, workers
+
+
+def _collect(
+    results: Generator[Result],
+    take: Callable[[Result], tuple[int, int]],
+    text: Callable[[float], str],
+    runs: int,
+    seconds: float,
+    unit: str,
+) -> None:
+    """Take in results until there are enough runs or the time is over, and print what they came to.
+
+    That is printed before worker processes end what they have begun, and on Ctrl-C too.
+
+    Args:
+        results: of the workers.
+        take: counts one in; returns how many runs it is, and how many violations there are so far.
+        text: the report, after so many seconds.
+        runs: enough of them.
+        seconds: s.
+        unit: what is counted.
+    """
+    from tqdm import tqdm
+
+    began, done = time.monotonic(), 0
+    with closing(results) as found:
+        try:
+            with tqdm(total=runs, unit=f" {unit}", desc="falsify", mininterval=0.5) as bar:
+                for result in found:
+                    count, violations = take(result)
+                    done += count
+                    bar.update(count)
+                    bar.set_postfix(violations=violations)
+                    if done >= runs or time.monotonic() - began > seconds:
+                        break
+        except KeyboardInterrupt:
+            if done:
+                print(text(time.monotonic() - began), flush=True)
+            raise
+        print(text(time.monotonic() - began), flush=True)
+
+
+def _attack(arguments: argparse.Namespace) -> int:
+    from functools import partial
+    from itertools import count
+
+    from flatsat_ros.base.resources import config_path
+    from flatsat_ros.base.strict_yaml import read_yaml
+    from flatsat_ros.certificate.certificate import Certificate
+    from flatsat_ros.falsification.flight import Outcome, attack, section_of
+    from flatsat_ros.falsification.flight_report import FlightTally
+    from flatsat_ros.falsification.workers import results_of
+
+    shell.require_alone(arguments, "attacked", "runs", "seconds", "seed", "workers")
+    runs, seconds, seed, workers = _asked(arguments, _RUNS)
+    certificate = Certificate.from_document(read_yaml(config_path(arguments.attacked)))  # whether it is proved or not
+    section_of(certificate)
+    tally = FlightTally()
+
+    def take(outcome: Outcome) -> tuple[int, int]:
+        tally.add(outcome)
+        return outcome.runs, len(tally.breaches)
+
+    results = results_of(partial(attack, certificate=certificate), count(seed), workers)
+    _collect(results, take, partial(tally.text, certificate, arguments.attacked), runs, seconds, "runs")
+    return 1 if tally.breaches else 0
+
+
+def _fly_plans(arguments: argparse.Namespace) -> int:
+    from functools import partial
+
+    from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, load_certificate
+    from flatsat_ros.falsification.plans import Attack, made, report, tasks
+    from flatsat_ros.falsification.workers import results_of
+    from flatsat_ros.plans import Plan
+    from flatsat_ros.plans.tubes import require_tubes
+
+    shell.require_alone(arguments, "plans", "certificate", "runs", "seconds", "seed", "workers")
+    runs, seconds, seed, workers = _asked(arguments, _FLIGHTS)
+    certificate = load_certificate(arguments.certificate or FLIGHT_CERTIFICATE)
+    plans = [Plan.load(path) for path in arguments.plans]
+    for plan in plans:
+        require_tubes(plan, certificate)
+    attacks: list[tuple[str, Attack]] = []
+    given = tasks(len(plans), seed)
+
+    def take(one: Attack) -> tuple[int, int]:
+        attacks.append((plans[next(given).plan].name, one))
+        return one.flights, sum(each.breaches for _, each in attacks)
+
+    results = results_of(partial(made, plans=plans, certificate=certificate), tasks(len(plans), seed), workers)
+    _collect(results, take, partial(report, attacks), runs, seconds, "flights")
+    return 1 if any(one.breaches for _, one in attacks) else 0
+
+
+def _fly(arguments: argparse.Namespace) -> int:
+    from functools import partial
+
+    from flatsat_ros.falsification.campaigns import CAMPAIGNS, RUNS, Outcome
+    from flatsat_ros.falsification.certificates import synthesized_for
+    from flatsat_ros.falsification.report import Tally
+    from flatsat_ros.falsification.series import batches_of, run_batches
+
+    runs, seconds, seed, workers = _asked(arguments, _RUNS)
     campaigns = list(CAMPAIGNS) if arguments.campaign is None else [arguments.campaign]
     _require_effect(arguments.sabotage, campaigns)
     pool, batches, tally = synthesized_for(campaigns), batches_of(campaigns, runs, seed), Tally()
-    began = time.monotonic()
-    with (
-        closing(run_batches(batches, pool, arguments.sabotage, workers)) as outcomes,
-        tqdm(total=len(batches) * RUNS, unit=" runs", desc="falsify", mininterval=0.5) as bar,
-    ):
-        for batch, outcome in zip(batches, outcomes, strict=False):
-            tally.add(batch.campaign, outcome)
-            bar.update(RUNS)
-            bar.set_postfix(violations=len(tally.violations))
-            if time.monotonic() - began > seconds:
-                break
-    print(tally.text(time.monotonic() - began, arguments.sabotage))
+    flown = iter(batches)
+
+    def take(outcome: Outcome) -> tuple[int, int]:
+        tally.add(next(flown).campaign, outcome)
+        return RUNS, len(tally.violations)
+
+    results = run_batches(batches, pool, arguments.sabotage, workers)
+    _collect(results, take, partial(tally.text, sabotage=arguments.sabotage), len(batches) * RUNS, seconds, "runs")
     return 1 if tally.violations else 0
 
 
