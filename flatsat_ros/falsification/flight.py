@@ -3,9 +3,9 @@
 A batch is one pilot and `DRONES` drones, each a linear plant inside the certificate's intervals, and `WINDOWS` runs of
 `PERIODS` each. All that the certificate leaves open is used against it: noise, disturbance, what a reference may ask
 for, ages of poses and gains, with the signs of the loop's own impulse response, so that at the end of a run a signal is
-as large as it can become; and starts beside the reference. A run begins with what the one before has left behind. As the
-tubes are claimed for all applied gains of the interval, half of the batches have limits so wide that no gain is less
-than what the adversary wants.
+as large as it can become; and starts beside the reference. A run begins with what the one before has left behind.
+Tubes are claimed for all applied gains of the interval: half of the batches have limits so wide that none is less than
+what the adversary wants.
 """
 
 from __future__ import annotations

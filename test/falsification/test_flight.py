@@ -160,9 +160,7 @@ def test_a_cap_of_the_gain_above_the_smallest_destabilising_switching_is_refuted
         assert bool(attack(2, replace(certificate, gain_max=gain, flight=capped)).breaches) == refuted
 
 
-@pytest.mark.parametrize(
-    "plant", [Plant(0.033, 0.12, gain=0.9, drag=0.4), Plant(0.02, 0.0, 15.0, 0.5, 0.8, 0.26, 0.4)]
-)
+@pytest.mark.parametrize("plant", [Plant(0.033, 0.12, gain=0.9, drag=0.4), Plant(0.02, 0.0, 15.0, 0.5, 0.8, 0.26, 0.4)])
 def test_exact_drones_are_what_fine_steps_make_of_the_plant(plant: Plant) -> None:
     random, steps = np.random.default_rng(5), 2000
     drones = ExactDrones([[plant], [plant]], PERIOD, 0.015, np.zeros((1, 3)))
