@@ -144,7 +144,12 @@ class Cell:
             for value, gain in itertools.product((getattr(low, name), getattr(high, name)), (low.gain, high.gain))
         ]
         # of (q_0, q_1) four corners, and each of the others an interval
-        others = [sorted(pair) for pair in zip(figures(low)[2:], figures(high)[2:], strict=True)]
+        names = "frequency", "damping", "tilt"
+        extremes = [
+            figures(replace(low, **dict(zip(names, values, strict=True))))[2:]
+            for values in itertools.product(*((getattr(low, name), getattr(high, name)) for name in names))
+        ]
+        others = [[min(values), max(values)] for values in zip(*extremes, strict=True)]
         q = [(min(values) + max(values)) / 2.0 for values in (*zip(*ends, strict=True), *others)]
         gain, tilt = q[1] / q[0], q[3] / q[0] if second else 0.0
         if second:

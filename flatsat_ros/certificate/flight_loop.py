@@ -34,7 +34,7 @@ from functools import cached_property
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.errors import require, require_fields, require_not_negative, require_positive
+from flatsat_ros.base.errors import require, require_fields, require_not_negative, require_number, require_positive
 
 # Delays this close to whole periods, relative to one, are whole.
 _WHOLE = 1e-9
@@ -56,11 +56,12 @@ class Plant:
         frequency: wn, rad/s; 0 for the first order.
         damping: zeta of the second order.
         gain: g, steady acceleration over commanded acceleration.
-        tilt: acceleration that attitude makes against the velocity, 1/s (second order only).
+        tilt: acceleration that attitude makes against the velocity, 1/s (second order only); negative for a drone that
+            leans into its motion.
         drag: linear drag divided by the mass, 1/s.
 
     Raises:
-        FlatsatError: a value is negative or not finite, or both orders are given.
+        FlatsatError: a value is not finite or, but for the tilt, negative, or both orders are given.
     """
 
     delay: float = 0.0
@@ -73,8 +74,8 @@ class Plant:
 
     def __post_init__(self) -> None:
         require_fields(self, require_positive, gain="")
-        require_fields(self, require_not_negative, delay="s", lag="s", frequency="rad/s", damping="", tilt="1/s")
-        require_fields(self, require_not_negative, drag="1/s")
+        require_fields(self, require_not_negative, delay="s", lag="s", frequency="rad/s", damping="", drag="1/s")
+        require_fields(self, require_number, tilt="1/s")
         if self.frequency > 0.0:
             require(self.lag == 0.0, "lag", self.lag, "s", "0 with a frequency (second order)")
             require(self.damping > 0.0, "damping", self.damping, "", "above 0 with a frequency (second order)")

@@ -58,7 +58,7 @@ class Assumptions:
             low: least figures of the plants.
             high: largest figures of the plants.
         """
-        jerk, snap = self.ripple(model), self.snap + (model.drag + model.tilt) * self.jerk
+        jerk, snap = self.ripple(model), self.snap + abs(model.drag + model.tilt) * self.jerk
         second = low.frequency > 0.0
         shortest = 2.0 * low.damping / high.frequency if second else low.lag
         longest = 2.0 * high.damping / low.frequency if second else high.lag
@@ -67,7 +67,7 @@ class Assumptions:
         early = max(abs(due - longest - high.delay), abs(due - shortest - low.delay))
         ahead = max(abs(low.delay - model.delay), abs(high.delay - model.delay)) + period / 2.0
         bend = ahead**2 / 2.0 + model.lead * ahead + lag + period**2 / 4.0
-        tilted = high.tilt / low.gain * (longest * self.acceleration + lag * self.jerk)
+        tilted = max(abs(low.tilt), abs(high.tilt)) / low.gain * (longest * self.acceleration + lag * self.jerk)
         return early * jerk + bend * snap + tilted
 
     def ripple(self, model: Plant) -> float:
@@ -78,7 +78,7 @@ class Assumptions:
         Args:
             model: the nominal plant.
         """
-        return self.jerk + (model.drag + model.tilt) * self.acceleration
+        return self.jerk + abs(model.drag + model.tilt) * self.acceleration
 
     def rate(self, model: Plant, low: Plant, high: Plant) -> float:
         """Return a bound of D', m/s^3, on any plant between two: of nature, and of what the loop makes of references.
@@ -91,9 +91,7 @@ class Assumptions:
         asked = model.drag + model.tilt
         wrong_gain = max(abs(low.gain - 1.0), abs(high.gain - 1.0))
         unknown = max(abs(asked - low.drag - low.tilt), abs(asked - high.drag - high.tilt))
-        return (
-            self.disturbance_rate + wrong_gain * (self.jerk + asked * self.acceleration) + unknown * self.acceleration
-        )
+        return self.disturbance_rate + wrong_gain * self.ripple(model) + unknown * self.acceleration
 
 
 @dataclass(frozen=True)

@@ -63,7 +63,7 @@ def require_fit(certificate: Certificate, vehicle: VehicleProfile, link_delay: f
     for what, value, low, high, unit in figures:
         if high == 0.0 and "drag" in what:
             continue  # the proof counts drag among the disturbances
-        if not low * (1.0 - _ROUNDING) <= value <= high * (1.0 + _ROUNDING):
+        if not low - _ROUNDING * abs(low) <= value <= high + _ROUNDING * abs(high):
             raise FlatsatError(
                 f"certificate {certificate.name!r} is not for {robot}, vehicle {vehicle.name!r}, which has {what} of "
                 f"{value:.4g} {unit}: must be from {low:.4g} to {high:.4g} {unit}".rstrip()
@@ -78,10 +78,10 @@ def _sides(dynamics: Dynamics, low: Plant, high: Plant) -> Iterator[_Figure]:
     if low.frequency == 0.0:
         yield _Figure("an attitude lag", attitude.mean_delay, low.lag, high.lag, "s")
         return
-    tilt = GRAVITY * dynamics.velocity_tilt
+    tilt = -GRAVITY * dynamics.velocity_tilt  # the loop's is against the motion
     yield _Figure("a natural frequency", attitude.natural_frequency, low.frequency, high.frequency, "rad/s")
     yield _Figure("an attitude damping", attitude.damping, low.damping, high.damping, "")
-    yield _Figure("a tilt by velocity", max(tilt, 0.0), low.tilt, high.tilt, "1/s")
+    yield _Figure("a tilt against the velocity", tilt, low.tilt, high.tilt, "1/s")
 
 
 def _upright(dynamics: Dynamics, low: Plant, high: Plant) -> Iterator[_Figure]:

@@ -109,5 +109,6 @@ def _next_cut(box: Box, period: float, lag_varies: bool) -> str:
     widths = {}
     for name in box.constants(lag_varies):
         low, high = box.spread[name]
-        widths[name] = (high - low) / (period if name == "delay" else high) * _WEIGHTS.get(name, 1.0)
+        size = period if name == "delay" else max(abs(low), abs(high))
+        widths[name] = (high - low) / size * _WEIGHTS.get(name, 1.0)
     return max(widths, key=lambda name: widths[name], default="")

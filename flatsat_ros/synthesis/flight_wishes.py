@@ -60,10 +60,8 @@ def sides(vehicle: VehicleProfile, intervals: dict[str, tuple[float, float]]) ->
     second = attitude.damping < _UNDERDAMPED
     if second:
         found |= {"frequency": (attitude.natural_frequency,) * 2, "damping": (attitude.damping,) * 2}
-        if dynamics.velocity_tilt > 0.0:
-            valid = "at most 0 for a flight section: of drones that lean into their motion nothing is proved yet"
-            raise refusal(f"velocity_tilt of vehicle {vehicle.name!r}", dynamics.velocity_tilt, "rad s/m", valid)
-        found["tilt"] = (-GRAVITY * dynamics.velocity_tilt,) * 2  # the loop's tilt is against the motion
+        lean = known.velocity_tilt if known is not None and known.velocity_tilt else (dynamics.velocity_tilt,) * 2
+        found["tilt"] = -GRAVITY * lean[1], -GRAVITY * lean[0]  # the loop's tilt is against the motion
     else:
         found["lag"] = _around(attitude.mean_delay, _LAG)
     if known is not None:

@@ -34,7 +34,7 @@ second_orders = st.builds(
     st.floats(8.0, 25.0),
     st.floats(0.3, 0.9),
     st.floats(0.6, 1.1),
-    st.floats(0.0, 0.4),
+    st.floats(-0.4, 0.4),
     st.floats(0.0, 0.5),
 )
 plants = st.one_of(first_orders, second_orders)
