@@ -6,6 +6,7 @@ reference's acceleration less the disturbance. `PredictedLoop` is that of a flig
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -143,7 +144,8 @@ class PredictedLoop:
     ) -> None:
         count = len(estimator.yaw)
         horizontal, vertical = flight.horizontal.design, flight.vertical.design
-        self._references, self._estimator = references, estimator
+        self._references, self._estimator, self._limits = references, estimator, certificate.limits
+        self._inside = certificate.limits.inner_radius / math.sqrt(3.0)  # m/s^2, of a cube in the input set
         self._most = min(policy.disturbance_max, flight.disturbance)
         self._predictor = Predictor(horizontal, vertical, count, flight.pose_age)
         self._preview = Preview(references, horizontal, vertical)
@@ -178,6 +180,8 @@ class PredictedLoop:
         base = reference.copy()
         self._needed = self._preview.needed(now)
         base[:, 6:] = self._needed - disturbance
+        if np.abs(base[:, 6:]).max() > self._inside:  # drag and lag may need more than the acceleration itself
+            base[:, 6:] = self._limits.saturate(base[:, 6:])
         return Aim(state + predictor.ahead(reference), base, self._error, disturbance)
 
     def assess(self, output: Output, acceleration: FloatArray, flying: np.ndarray) -> Assessment:

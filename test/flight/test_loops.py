@@ -17,6 +17,7 @@ from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import GoalMode, Policy
 from flatsat_ros.flight.tick import Tick
+from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.closed_loop import fly
 from flatsat_ros.sim.dynamics import Wind
@@ -246,3 +247,23 @@ def test_with_two_poses_in_a_second_the_drone_does_not_build_up_a_swing(certific
     place = flown.error + np.array([tick.reference[0, :3] for tick in flown.ticks])
     assert np.abs(place[:, :2]).max() < 0.1
     assert place[:, 2].max() < 1.05
+
+
+def test_a_reference_whose_drag_needs_more_than_the_input_set_has_is_flown_as_far_as_that_goes() -> None:
+    heavy = load_certificate("cf21_adaptive_50hz")
+    assert heavy.flight is not None
+    limits = replace(heavy.limits, thrust_max=heavy.limits.gravity + 0.3)
+    weak = replace(heavy, limits=limits, flight=replace(heavy.flight, margin=0.1))
+    policy = replace(POLICY, goal_mode=GoalMode.STEP, ceiling=30.0)
+    pilot = Pilot(weak, Tuning(0.0, 0.05, 1.0, weak.gain_max), policy, 1)
+    climb = Trajectory(np.array([1.0, 20.0]), np.array([[[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], *[[0.0] * 3] * 6]]))
+    pilot.set_reference(0, climb)
+    needed = 0.0
+    for number in range(100):
+        now = 0.02 * number
+        pilot.measure(0, now, climb.sample(max(now, 1.0))[:3].tolist(), [0.0, 0.0, 0.0, 1.0], now)
+        tick = pilot.tick(now)
+        needed = max(needed, float(tick.output.acceleration[0, 2]))
+        assert weak.limits.contains(tick.output.acceleration).all()
+    assert tick.mode[0] == Mode.FLY
+    assert needed == pytest.approx(0.3)  # 1 m/s of climb makes 0.42 m/s^2 of drag
