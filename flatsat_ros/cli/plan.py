@@ -66,7 +66,7 @@ def _parser() -> shell.Parser:
         ("speed-max", "M_S", "largest speed (default: not bounded)"),
         ("clearance", "M", "kept between drones beside bodies and tubes (default: 0)"),
         ("floor", "M", "lowest height of references (default: the mission's, else that of the first way-point)"),
-        ("seconds", "S", f"how long to make the plan shorter (default: {_SECONDS:g}); Ctrl-C keeps the best"),
+        ("seconds", "S", f"how long to search (default: {_SECONDS:g}); the best plan by then, or by Ctrl-C, is kept"),
     ):
         wishes.add_argument(f"--{option}", type=float, metavar=unit, help=text)
     parser.add_argument("--trade", action="store_true", help="only show how tube and duration depend on the jerk")
@@ -157,16 +157,17 @@ def _tell(plan: Plan) -> None:
     for radius, source in sorted({(drone.tube.radius, drone.tube.source) for drone in plan.drones}):
         proved = f"proved by {plan.certificate}" if source == "certificate" else "given, not proved by a certificate"
         print(f"  tubes of {radius:g} m: {proved}")
-    nearest = sorted(plan.pairs, key=lambda pair: pair.distance)[:_SHOWN]
     drones = {drone.name: drone for drone in plan.drones}
-    for pair in nearest:
-        required = float(plan.required(drones[pair.first], drones[pair.second]))
+    nearest = [(pair, plan.required(drones[pair.first], drones[pair.second])) for pair in plan.pairs]
+    nearest += [(passage, plan.required(drones[passage.first])) for passage in plan.passages]
+    nearest.sort(key=lambda each: each[0].distance / 1e4 - float(each[1]))
+    for pair, required in nearest[:_SHOWN]:
         print(
-            f"  {pair.first}, {pair.second}: at least {pair.distance / 1e4:.4f} m apart (asked {required:.4f}), "
+            f"  {pair.first}, {pair.second}: at least {pair.distance / 1e4:.4f} m apart (asked {float(required):.4f}), "
             f"nearest at {pair.start / 1e6:.2f} s"
         )
-    if len(plan.pairs) > _SHOWN:
-        print(f"  and {len(plan.pairs) - _SHOWN} pairs that are farther apart")
+    if len(nearest) > _SHOWN:
+        print(f"  and {len(nearest) - _SHOWN} pairs with more room")
 
 
 if __name__ == "__main__":

@@ -15,7 +15,11 @@ _TRIALS = 12  # of a step, each a half to a tenth of the one before
 
 
 def descend(
-    function: Callable[[FloatArray], tuple[float, FloatArray]], start: FloatArray, steps: int, tolerance: float
+    function: Callable[[FloatArray], tuple[float, FloatArray]],
+    start: FloatArray,
+    steps: int,
+    tolerance: float,
+    enough: Callable[[], bool] = lambda: False,
 ) -> FloatArray:
     """Return where the descent ends.
 
@@ -24,11 +28,14 @@ def descend(
         start: (n,) where it begins.
         steps: at most.
         tolerance: it ends when ten steps together lower the value by less than this share of it.
+        enough: says after each step, at the point that was looked at last, whether it may end there.
     """
     point, (value, gradient) = start, function(start)
     memory: deque[tuple[FloatArray, FloatArray, float]] = deque(maxlen=_MEMORY)
     values = deque([value], maxlen=11)
     for _ in range(steps):
+        if enough():
+            break
         direction = _direction(gradient, memory)
         slope = float(direction @ gradient)
         if slope >= 0.0:

@@ -7,29 +7,35 @@ when the exact proof succeeds. From there the duration is brought toward the bou
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import FloatArray, IntArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.planning.mission import Mission
 from flatsat_ros.planning.planner import Round
 from flatsat_ros.planning.reference import shapes_of, shortest, shortest_legs, smoothest, spans_of
 from flatsat_ros.planning.search import Search, Swarm
 from flatsat_ros.planning.shapes import Shapes
-from flatsat_ros.plans import Curve, closest
+from flatsat_ros.plans import Closest, Curve, closest
 from flatsat_ros.plans.curve import UNIT
+from flatsat_ros.plans.separation import closest_to_boxes
 
 _LEG = 8  # spans of a leg in a swarm, at least: it needs room for detours
 _UNITS = 64  # legs' durations in proportion: the longest has so many units in each span
 _SLOWEST = 3  # drones with the longest ways, whose own shortest references bound the duration
 
 _LONGER = (1.2, 1.35, 1.5, 1.8, 2.2, 3.0)  # durations that are tried first, of the bound
-_BEGINNINGS = ((0.05, 0), (0.0, 1), (0.15, 2), (0.05, 3))  # swirl and seed
+_BEGINNINGS = ((0.05, 0, 0.0), (0.0, 1, 0.0), (0.15, 2, 0.0), (0.05, 3, 0.0))  # swirl, seed and spread
+_AROUND = ((0.0, 0, 0.0), (0.0, 1, 0.3), (0.0, 2, 0.5), (0.0, 3, 0.65))  # likewise, where there are obstacles
 _STAGES = 4  # of growing penalties
+_STEPS, _MORE_STEPS = 120, 400  # of a stage's descent
+# what shorter durations begin from, one after the other: swirl and seed, or None for the best references so far; steps
+_TRIES = (((0.05, 0), _MORE_STEPS), (None, _MORE_STEPS), ((0.2, 0), _MORE_STEPS), ((0.1, 1), _MORE_STEPS))
 _SHORTEST = 1.002  # of the bound: the penalty needs room beside the limits
 _ENOUGH = 0.002  # of the bound: a smaller step is not worth a round
 _RELAXED = (1.0005, 1.001, 1.003, 1.01, 1.03)  # of the shortest duration, to have room for a smooth reference
@@ -46,8 +52,8 @@ def rounds(mission: Mission, late: Callable[[], bool]) -> Iterator[Round]:
         FlatsatError: what is asked cannot be planned.
     """
     if mission.times is not None:
-        yield _timed(mission)
-    elif len(mission.drones) == 1:
+        yield _timed(mission, late)
+    elif len(mission.drones) == 1 and not mission.obstacles:
         yield _alone(mission)
     else:
         yield from _together(mission, late)
@@ -70,11 +76,11 @@ def _alone(mission: Mission) -> Round:
     raise _no_way(drone.name, mission)
 
 
-def _timed(mission: Mission) -> Round:
+def _timed(mission: Mission, late: Callable[[], bool]) -> Round:
     """Return references that pass the way-points at the given times."""
     assert mission.times is not None
     legs = np.diff(mission.times)
-    shapes = shapes_of(legs, _LEG) if len(mission.drones) > 1 else shapes_of(legs)
+    shapes = shapes_of(legs, _LEG) if len(mission.drones) > 1 or mission.obstacles else shapes_of(legs)
     duration = float(shapes.lengths.sum()) / 1e6
     for drone in mission.drones:
         alone = shortest(shapes, drone.waypoints, mission.limits, mission.bounds)
@@ -87,7 +93,7 @@ def _timed(mission: Mission) -> Round:
                 f"times of way-points of {drone.name}: must be at least {factor:.3f} times as long; the smoothest "
                 f"reference through them breaks {_broken(mission, smooth) or 'nothing, but there is a better one'}"
             )
-    if len(mission.drones) == 1:
+    if len(mission.drones) == 1 and not mission.obstacles:
         points = smoothest(shapes, mission.drones[0].waypoints, duration, mission.limits, mission.bounds)
         curves = None if points is None else (_curve(shapes, points, 1),)
         broken = "the solver finds none" if curves is None else _broken(mission, curves)
@@ -95,8 +101,8 @@ def _timed(mission: Mission) -> Round:
             return Round(curves, duration)
     else:
         search = Search(_swarm(mission, shapes))
-        for swirl, seed in _BEGINNINGS:
-            found, _, broken = _settled(mission, search, search.begin(swirl, seed), 1, lambda: False)
+        for beginning in _beginnings(mission, math.inf):
+            found, _, broken = _settled(mission, search, search.begin(*beginning), 1, late, _MORE_STEPS)
             if found is not None:
                 return Round(found, duration)
     raise FlatsatError(
@@ -115,25 +121,33 @@ def _together(mission: Mission, late: Callable[[], bool]) -> Iterator[Round]:
         return math.ceil(duration * 1e6 / total)
 
     broken: str | None = None
-    for factor, (swirl, seed) in ((factor, beginning) for factor in _LONGER for beginning in _BEGINNINGS):
-        unit = unit_of(factor * bound)
-        found, modes, broken = _settled(mission, search, search.begin(swirl, seed), unit, lambda: False)
+    for factor, beginning in ((each, begun) for each in _LONGER for begun in _beginnings(mission, each)):
+        found, modes, newly = _settled(mission, search, search.begin(*beginning), unit_of(factor * bound), late)
+        broken = newly or broken
         if found is not None:
             break
+        if late():
+            raise FlatsatError(
+                f"no plan found in the given time, with durations up to {factor * bound:.4g} s, {factor:g} times the "
+                f"bound: {broken or 'no references are proved yet'}"
+            )
     else:
         raise FlatsatError(f"no plan found in up to {_LONGER[-1]:g} times the bound of {bound:.4g} s: {broken}")
     yield Round(found, found[0].duration, bound)
-    low, high, share = _SHORTEST * bound, found[0].duration, 0.1
-    while high - low > _ENOUGH * bound and not late():
-        unit = unit_of(low + share * (high - low))
-        if unit * total / 1e6 >= high:
-            break
-        shorter, tried, _ = _settled(mission, search, modes, unit, late)
-        if shorter is None:
-            low, share = unit * total / 1e6, 0.5
-        else:
-            modes, high = tried, shorter[0].duration
-            yield Round(shorter, high, bound)
+    high = found[0].duration
+    for fresh, steps in _TRIES:
+        low, share = _SHORTEST * bound, 0.1
+        while high - low > _ENOUGH * bound and not late():
+            unit = unit_of(low + share * (high - low))
+            if unit * total / 1e6 >= high:
+                break
+            start = modes if fresh is None else search.begin(*fresh)
+            shorter, tried, _ = _settled(mission, search, start, unit, late, steps)
+            if shorter is None:
+                low, share = unit * total / 1e6, 0.5
+            else:
+                modes, high = tried, shorter[0].duration
+                yield Round(shorter, high, bound)
 
 
 def bound_of(mission: Mission) -> float:
@@ -142,7 +156,7 @@ def bound_of(mission: Mission) -> float:
     Raises:
         FlatsatError: a drone alone has no reference.
     """
-    if len(mission.drones) > 1:
+    if len(mission.drones) > 1 or mission.obstacles:
         return _bound(mission, _shapes(mission))
     found = shortest_legs(mission.drones[0].waypoints, mission.limits, mission.bounds)
     if found is None:
@@ -165,16 +179,18 @@ def _ways(mission: Mission) -> FloatArray:
 
 
 def _settled(
-    mission: Mission, search: Search, modes: FloatArray, unit: int, late: Callable[[], bool]
+    mission: Mission, search: Search, modes: FloatArray, unit: int, late: Callable[[], bool], steps: int = _STEPS
 ) -> tuple[tuple[Curve, ...] | None, FloatArray, str | None]:
     """Search with growing penalties until the proof succeeds: curves or None, their modes, what is broken at last."""
     shapes = search.swarm.shapes
     duration = float(shapes.lengths.sum()) * unit / 1e6
-    broken: str | None = "time is up"
+    broken: str | None = None
     for stage in range(_STAGES):
         if late():
             break
-        modes = search.settle(modes, duration, stage)
+        modes, seems_kept = search.settle(modes, duration, stage, steps)
+        if not seems_kept and stage + 1 < _STAGES:
+            continue
         curves = tuple(_curve(shapes, points, unit) for points in search.points(modes))
         broken = _broken(mission, curves)
         if broken is None:
@@ -188,29 +204,47 @@ def _broken(mission: Mission, curves: tuple[Curve, ...]) -> str | None:
         for claim in mission.bounds.claims(curve, mission.limits):
             if claim.slack < 0.0:
                 return f"{drone.name}: {claim.name} by {-claim.slack:.4g} {claim.unit} at about t = {claim.time:.4g} s"
-    if len(curves) < 2:
-        return None
-    asked = [math.ceil(_asked(mission, i, j) * UNIT) for i in range(len(curves)) for j in range(i + 1, len(curves))]
-    found = closest(curves, mission.downwash, np.array(asked, dtype=np.int64))
-    missed = np.flatnonzero(found.distance < np.array(asked))
+    names = [drone.name for drone in mission.drones]
+    return _too_near(
+        [(names[i], names[j], _asked(mission, i, j)) for i, j in itertools.combinations(range(len(curves)), 2)],
+        lambda goals: closest(curves, mission.downwash, goals),
+    ) or _too_near(
+        [(name, box.name, _asked(mission, i)) for i, name in enumerate(names) for box in mission.obstacles],
+        lambda goals: closest_to_boxes(curves, mission.obstacles, mission.downwash, goals),
+    )  # fmt: skip
+
+
+def _too_near(pairs: Sequence[tuple[str, str, Fraction]], proved: Callable[[IntArray | None], Closest]) -> str | None:
+    """Prove distances that are asked for, of two names each, m; return the first that cannot be proved, or None."""
+    asked = np.array([math.ceil(distance * UNIT) for *_, distance in pairs], dtype=np.int64)
+    missed = np.flatnonzero(proved(asked).distance < asked)
     if not missed.size:
         return None
-    first, second = int(found.first[missed[0]]), int(found.second[missed[0]])
-    exact = closest([curves[first], curves[second]], mission.downwash)
+    exact, number = proved(None), int(missed[0])
     return (
-        f"{mission.drones[first].name}, {mission.drones[second].name}: distance {exact.distance[0] / UNIT:.4g} m at "
-        f"about t = {exact.start[0]:.4g} s, {asked[missed[0]] / UNIT:.4g} m are asked for"
+        f"{pairs[number][0]}, {pairs[number][1]}: distance {exact.distance[number] / UNIT:.4g} m at about t = "
+        f"{exact.start[number]:.4g} s, {asked[number] / UNIT:.4g} m are asked for"
     )
 
 
-def _asked(mission: Mission, first: int, second: int) -> Fraction:
-    """Return the distance that two drones must keep, m, and a bit that the rounding of stated distances takes."""
-    radii = sum(Fraction(mission.drones[i].body) + Fraction(mission.tube.radius) for i in (first, second))
+def _asked(mission: Mission, *drones: int) -> Fraction:
+    """Return the distance that drones must keep, m, and a bit that the rounding of stated distances takes."""
+    radii = sum(Fraction(mission.drones[i].body) + Fraction(mission.tube.radius) for i in drones)
     return radii + Fraction(mission.clearance) + Fraction(3, 10**4)
 
 
+def _beginnings(mission: Mission, factor: float) -> Sequence[tuple[float, int, float]]:
+    """Return what a search begins from: swirl, seed and spread, for a duration of so many times the bound."""
+    if not mission.obstacles:
+        return _BEGINNINGS
+    return [each for each in _AROUND if each[2] == 0.0 or 0.9 / (1.0 - each[2]) < factor]
+
+
 def _swarm(mission: Mission, shapes: Shapes) -> Swarm:
-    return Swarm(shapes, mission.waypoints, mission.distances, mission.downwash, mission.limits, mission.bounds)
+    return Swarm(
+        shapes, mission.waypoints, mission.distances, mission.downwash, mission.limits, mission.bounds,
+        np.array([box.corners for box in mission.obstacles]).reshape(-1, 2, 3), mission.reaches,
+    )  # fmt: skip
 
 
 def _bound(mission: Mission, shapes: Shapes) -> float:

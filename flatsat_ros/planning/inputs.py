@@ -20,7 +20,7 @@ from flatsat_ros.base.files import located, read_text, unreadable
 from flatsat_ros.base.strict_yaml import read_yaml, section
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.planning.mission import Asked, Mission
-from flatsat_ros.plans import Bounds, Tube
+from flatsat_ros.plans import Bounds, Box, Tube
 from flatsat_ros.plans.tubes import certified_tube, default_bounds, require_margin
 
 _BYTES_MAX = 1024 * 1024
@@ -63,6 +63,7 @@ class _Content:
     times: FloatArray | None = None
     box: tuple[FloatArray, FloatArray] | None = None
     downwash: float = _DOWNWASH
+    obstacles: tuple[Box, ...] = ()
 
 
 def read_mission(path: str | os.PathLike[str], certificate: Certificate, wishes: Wishes, name: str) -> Mission:
@@ -93,7 +94,7 @@ def read_mission(path: str | os.PathLike[str], certificate: Certificate, wishes:
         tube = _tube(certificate, bounds, content.downwash, wishes)
         return Mission(
             name, content.drones, certificate.name, certificate.limits, bounds, tube, content.times, content.downwash,
-            wishes.clearance,
+            wishes.clearance, content.obstacles,
         )  # fmt: skip
     except FlatsatError as error:
         if str(error).startswith(os.fspath(path)):
@@ -160,10 +161,19 @@ def _from_yaml(path: str | os.PathLike[str]) -> _Content:
     document = read_yaml(path)
     if not isinstance(document, dict) or "drones" not in document:
         raise refusal(
-            "the mission", document, "", "a mapping with the key drones, and body, downwash, times, box if wanted"
+            "the mission",
+            document,
+            "",
+            "a mapping with the key drones, and body, downwash, times, box, obstacles if wanted",
         )
-    given = {"body": _BODY, "downwash": _DOWNWASH, "times": None, "box": None} | document
-    values = section("the mission", given, ("drones", "body", "downwash", "times", "box"))
+    given: dict[str, Any] = {
+        "body": _BODY,
+        "downwash": _DOWNWASH,
+        "times": None,
+        "box": None,
+        "obstacles": {},
+    } | document
+    values = section("the mission", given, ("drones", "body", "downwash", "times", "box", "obstacles"))
     if not isinstance(values["drones"], dict):
         raise refusal("drones", values["drones"], "", "a mapping from names to lists of way-points [x, y, z]")
     drones = tuple(
@@ -175,7 +185,18 @@ def _from_yaml(path: str | os.PathLike[str]) -> _Content:
         corners = section("box", values["box"], ("lower", "upper"))
         box = (finite_array("lower", corners["lower"], 3), finite_array("upper", corners["upper"], 3))
     times = None if values["times"] is None else finite_array("times", values["times"])
-    return _Content(drones, times, box, values["downwash"])
+    if not isinstance(values["obstacles"], dict):
+        raise refusal("obstacles", values["obstacles"], "", "a mapping from names to boxes")
+    obstacles = tuple(_obstacle(name, entry) for name, entry in values["obstacles"].items())
+    return _Content(drones, times, box, values["downwash"], obstacles)
+
+
+def _obstacle(name: str, entry: object) -> Box:
+    """Return an obstacle; only boxes are known."""
+    kind = _needed(f"obstacle {name}", entry, "type")["type"]
+    require(kind == "box", f"type of obstacle {name}", kind, "", "'box', with lower and upper corner")
+    values = section(f"obstacle {name}", entry, ("type", "lower", "upper"))
+    return Box.between(name, values["lower"], values["upper"])
 
 
 def _from_json(path: str | os.PathLike[str]) -> _Content:
@@ -187,8 +208,8 @@ def _from_json(path: str | os.PathLike[str]) -> _Content:
             raise
         raise unreadable(path, error) from error
     root = _needed("the mission", document, "quadrotors", "world", "agents")
-    if root.get("obstacles"):
-        raise refusal("obstacles", root["obstacles"], "", "none: this version plans in empty rooms")
+    obstacles = root.get("obstacles") or []
+    require(isinstance(obstacles, list), "obstacles", obstacles, "", "a list")
     dimension = finite_array(
         "dimension", _needed("world", _entries("world", root["world"])[0], "dimension")["dimension"]
     )
@@ -202,7 +223,8 @@ def _from_json(path: str | os.PathLike[str]) -> _Content:
         drones.append(Asked(f"cf{agent.get('cid', number)}", waypoints, vehicle["radius"]))
         downwash.add(require_number("downwash", vehicle["downwash"], ""))
     require(len(downwash) == 1, "downwash", sorted(downwash), "", "the same for all drones")
-    return _Content(tuple(drones), None, (dimension[:3], dimension[3:]), downwash.pop())
+    boxes = tuple(_obstacle(f"obstacle{number}", entry) for number, entry in enumerate(obstacles, 1))
+    return _Content(tuple(drones), None, (dimension[:3], dimension[3:]), downwash.pop(), boxes)
 
 
 def _no_constant(name: str) -> float:

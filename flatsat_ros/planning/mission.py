@@ -10,7 +10,8 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import FlatsatError, refusal, require, require_fields, require_not_negative
 from flatsat_ros.law.input_set import InputSet
-from flatsat_ros.plans import Bounds, Tube
+from flatsat_ros.plans import Bounds, Box, Tube
+from flatsat_ros.plans.obstacles import require_distinct
 from flatsat_ros.plans.plan import require_downwash
 
 _APART = 1e-3  # m: way-points that follow each other are at least so far apart, or a leg has no length
@@ -54,6 +55,7 @@ class Mission:
         times: (W,) s, from 0, when the way-points are passed; None for as soon as possible.
         downwash: how many times as far drones keep apart along the vertical.
         clearance: kept beside bodies and tubes, m.
+        obstacles: that all drones keep away from by body, tube and clearance.
 
     Raises:
         FlatsatError: no reference can keep what is asked, as far as that can be seen without a search.
@@ -68,6 +70,7 @@ class Mission:
     times: FloatArray | None = None
     downwash: float = 2.0
     clearance: float = 0.0
+    obstacles: tuple[Box, ...] = ()
 
     def __post_init__(self) -> None:
         require_fields(self, require_not_negative, clearance="m")
@@ -88,7 +91,9 @@ class Mission:
             require(rising, "times of way-points", times.tolist(), "s", f"increasing from 0 to at most {_DURATION:g} s")
         for drone in self.drones:
             self._require_possible(drone)
+        require_distinct(self.obstacles)
         self._require_apart()
+        self._require_outside()
 
     @property
     def waypoints(self) -> FloatArray:
@@ -102,6 +107,11 @@ class Mission:
         distances = radii[:, np.newaxis] + radii + self.clearance
         np.fill_diagonal(distances, 0.0)
         return np.asarray(distances)
+
+    @property
+    def reaches(self) -> FloatArray:
+        """(N,) m, that each drone keeps away from obstacles in the downwash metric."""
+        return np.array([drone.body + self.tube.radius + self.clearance for drone in self.drones])
 
     def _require_possible(self, drone: Asked) -> None:
         """Refuse way-points outside the box, and two in a row at the same place."""
@@ -129,3 +139,17 @@ class Mission:
                     f"distance of {first.name} and {second.name} at way-point {worst + 1} = {apart[worst]:.6g} m: must "
                     f"be {valid}; heights count by 1/{self.downwash:g}"
                 )
+
+    def _require_outside(self) -> None:
+        """Refuse way-points that are too near to an obstacle."""
+        for drone, reach in zip(self.drones, self.reaches.tolist(), strict=True):
+            for box in self.obstacles:
+                away = (drone.waypoints - np.clip(drone.waypoints, *box.corners)) / [1.0, 1.0, self.downwash]
+                distances = np.linalg.norm(away, axis=1)
+                worst = int(distances.argmin())
+                if distances[worst] < reach:
+                    raise FlatsatError(
+                        f"distance of {drone.name} from {box.name} at way-point {worst + 1} = {distances[worst]:.6g} "
+                        f"m: must be at least {reach:.6g} m, body, tube and the clearance; heights count by "
+                        f"1/{self.downwash:g}"
+                    )

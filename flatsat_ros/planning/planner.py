@@ -37,7 +37,7 @@ def plan(mission: Mission, seconds: float = SECONDS, progress: Callable[[Round],
 
     Args:
         mission: what is asked.
-        seconds: for the search, from the first proved round on; that one is waited for.
+        seconds: for the search; without a proved round by then the mission is refused.
         progress: is told each round.
 
     Raises:
@@ -77,7 +77,7 @@ def _finished(mission: Mission, found: Round) -> Plan:
         provenance["bound"] = f"{found.bound:.6f} s: the slowest drone alone, same limits, same knots in proportion"
     made = Plan.of(
         drones, name=mission.name, certificate=mission.certificate, limits=mission.limits, bounds=mission.bounds,
-        downwash=mission.downwash, clearance=mission.clearance, provenance=provenance,
+        downwash=mission.downwash, clearance=mission.clearance, obstacles=mission.obstacles, provenance=provenance,
     )  # fmt: skip
     made.verify()
     return made

@@ -8,29 +8,36 @@ between two of them.
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.planning.descent import descend
+from flatsat_ros.planning.detours import along, around
+from flatsat_ros.planning.penalties import Charge, Neighbours, keep_box, keep_input_set, push_away, shorten
 from flatsat_ros.planning.shapes import Shapes
 from flatsat_ros.plans.bounds import Bounds
 from flatsat_ros.plans.curve import DEGREE, ORDER
 
 _SMOOTH, _PENALTY = 1e-3, 30.0  # weights at first
 _GROWTH = 4.0  # of the penalty from stage to stage
-_STEPS, _TOLERANCE = 120, 1e-7  # of a stage's descent
-_BOX = 100.0  # 1/m^2: a violation of 10 cm weighs like one of 1 m/s^2
+_TOLERANCE = 1e-7  # of a stage's descent
+_APART = 10.0  # 1/m^2, weight of distances
 
-# what is asked for beyond the limits, for a penalty is never quite 0
+# what is asked for beyond the limits at first, for a penalty is never quite 0, and its growth from stage to stage
 _ROOM = 4e-3  # m, of distances
 _MARGIN = 2e-3  # m/s^2
-_SHARE = 0.997  # of speed, jerk and snap
-_INSET = 1e-4  # m, of the box
+_SHARE = 3e-3  # of speed, jerk and snap
+_INSET = 2e-4  # m, of the box
+_WIDER = 1.5
+_ENOUGH = 0.8  # of the room may be taken
 
+_SMOOTH_WAY = 1e-5  # m^2, weight of jerk where a way around boxes is followed
 _HOP = 0.5  # of the distance that two drones keep, what they move between two samples at most, about
 _PEAK = 1.3 * 15.0 / 8.0  # largest over mean speed of a reference, with a detour
 
@@ -46,6 +53,8 @@ class Swarm:
         downwash: how many times as far drones keep apart along the vertical.
         limits: the input set.
         bounds: of each reference.
+        boxes: (K, 2, 3) m, lower and upper corners of obstacles.
+        reaches: (N,) m, that each drone keeps away from them, in the downwash metric.
     """
 
     shapes: Shapes
@@ -54,6 +63,8 @@ class Swarm:
     downwash: float
     limits: InputSet
     bounds: Bounds
+    boxes: FloatArray
+    reaches: FloatArray
 
 
 class Search:
@@ -62,7 +73,6 @@ class Search:
     def __init__(self, swarm: Swarm) -> None:
         self.swarm = swarm
         shapes = swarm.shapes
-        self._asked = swarm.distances + _ROOM
         self._samples = _samples(swarm)
         parts = [_sampled(shapes, self._samples), *(shapes.bezier[order] for order in (0, 1, 2, 3, 4))]
         self._parts = [slice(a, b) for a, b in zip(*_edges([len(part) for part in parts]), strict=True)]
@@ -71,20 +81,62 @@ class Search:
         self._waypoints = swarm.waypoints.transpose(1, 2, 0)  # (W, 3, N)
         self._fixed = np.tensordot(stacked @ shapes.fixed, self._waypoints, axes=1)
         self._stretch = np.array([1.0, 1.0, 1.0 / swarm.downwash])[:, np.newaxis]
+        self._neighbours = Neighbours(swarm.distances)
+        self._boxes = swarm.boxes * self._stretch[:, 0]
 
-    def begin(self, swirl: float, seed: int) -> FloatArray:
-        """Return modes (F, 3, N) to begin with: a little noise, and a detour of each drone to its right.
+    def begin(self, swirl: float, seed: int, spread: float = 0.0) -> FloatArray:
+        """Return modes (F, 3, N) to begin with: a little noise, a detour of each drone to its right, ways around boxes.
 
         Args:
             swirl: the detour, as a share of the way; drones that swap places turn around each other then.
             seed: of the noise, which decides what symmetry leaves open.
+            spread: share of the duration by which those that have to go around boxes set out one after the other.
         """
         count = self._modes.shape[1]
         noise = np.random.default_rng(seed).normal(size=(count, *self._waypoints.shape[1:]))
         modes = 1e-2 * noise / (1.0 + np.arange(count))[:, np.newaxis, np.newaxis]
         way = self._waypoints[-1] - self._waypoints[0]
         modes[0] += swirl * np.stack([way[1], -way[0], np.zeros_like(way[0])])
+        if len(self._boxes):
+            modes += self._around(spread)
         return np.asarray(modes)
+
+    def _around(self, spread: float) -> FloatArray:
+        """Return modes (F, 3, N) near ways around the boxes; who comes to a box first sets out first."""
+        shapes = self.swarm.shapes
+        times, passed = _times(shapes, self._samples), shapes.knots[shapes.passed]
+        leg = np.searchsorted(passed, times, side="right") - 1
+        share = (times - passed[leg]) / np.diff(passed)[leg]
+        corners = [float(np.linalg.norm(ways[0][1] - ways[0][0])) for ways in self._detours]
+        rank = np.argsort(np.argsort(corners, kind="stable"), kind="stable") / max(1, len(corners) - 1)
+        samples = self._parts[0]
+        wanted = np.zeros_like(self._fixed[samples])
+        for number, ways in enumerate(self._detours):
+            pace = share
+            if len(ways) == 1:
+                u = np.clip((share - spread * rank[number]) / (1.0 - spread), 0.0, 1.0)
+                pace = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+            for index, way in enumerate(ways):
+                wanted[leg == index, :, number] = along(way, pace[leg == index])
+        matrix = self._modes[samples]
+        missing = (wanted / self._stretch - self._fixed[samples]).reshape(len(matrix), -1)
+        square = matrix.T @ matrix + _SMOOTH_WAY * len(matrix) * np.eye(matrix.shape[1])
+        found = np.linalg.solve(square, matrix.T @ missing)
+        return np.asarray(found.reshape(-1, *wanted.shape[1:]))
+
+    @cached_property
+    def _detours(self) -> list[list[FloatArray]]:
+        """A way around the boxes (P, 3) for each leg of each drone, heights divided by the downwash."""
+        stretch = self._stretch[:, 0]
+        bounds = self.swarm.bounds
+        found = []
+        for places, reach in zip(self.swarm.waypoints * stretch, self.swarm.reaches.tolist(), strict=True):
+            ways = []
+            for start, goal in itertools.pairwise(places):
+                way = around(start, goal, self._boxes, reach, bounds.lower * stretch, bounds.upper * stretch)
+                ways.append(np.array([start, goal]) if way is None else way)
+            found.append(ways)
+        return found
 
     def points(self, modes: FloatArray) -> FloatArray:
         """Return the control points (N, n, 3) of all references."""
@@ -92,42 +144,58 @@ class Search:
         fixed = np.tensordot(shapes.fixed, self._waypoints, axes=1)
         return np.asarray((fixed + np.tensordot(shapes.modes, modes, axes=1)).transpose(2, 0, 1))
 
-    def settle(self, modes: FloatArray, duration: float, stage: int) -> FloatArray:
-        """Return modes with less of what is violated, for a duration, s; penalties grow with the stage, from 0 on."""
-        weight = _PENALTY * _GROWTH**stage
+    def settle(self, modes: FloatArray, duration: float, stage: int, steps: int) -> tuple[FloatArray, bool]:
+        """Return modes with less of what is violated, and whether nothing is any more, as far as is seen.
+
+        Args:
+            modes: to begin with.
+            duration: s.
+            stage: from 0 on; penalties and what is asked for beyond the limits grow with it.
+            steps: of the descent, at most.
+        """
+        weight, wider = _PENALTY * _GROWTH**stage, _WIDER**stage
+        worst = math.inf
 
         def cost(flat: FloatArray) -> tuple[float, FloatArray]:
-            return self._cost(flat.reshape(modes.shape), duration, weight)
+            nonlocal worst
+            value, gradient, worst = self._cost(flat.reshape(modes.shape), duration, weight, wider)
+            return value, gradient
 
-        found = descend(cost, modes.ravel(), _STEPS, _TOLERANCE)
-        return found.reshape(modes.shape)
+        found = descend(cost, modes.ravel(), steps, _TOLERANCE, lambda: worst < _ENOUGH)
+        return found.reshape(modes.shape), worst < _ENOUGH
 
-    def _cost(self, modes: FloatArray, duration: float, weight: float) -> tuple[float, FloatArray]:
-        """Return the penalty function and its gradient, flat."""
+    def _cost(self, modes: FloatArray, duration: float, weight: float, wider: float) -> tuple[float, FloatArray, float]:
+        """Return the penalty function, its gradient, flat, and the worst violation as a share of the room."""
         flat = modes.reshape(len(modes), -1)
         values = self._fixed + (self._modes @ flat).reshape(self._fixed.shape)
         slopes = np.zeros_like(values)
-        samples, positions, velocities, *derivatives = self._parts
-        cost = _push_apart(
-            values[samples] * self._stretch, self._asked, slopes[samples]
-        ) / self._samples  # fmt: skip
-        slopes[samples] *= self._stretch / self._samples
-        cost += _keep_box(values[positions], self.swarm.bounds, slopes[positions])
-        accelerations, jerks, snaps = derivatives
-        cost += _keep_input_set(
-            values[accelerations] / duration**2, self.swarm.limits, self.swarm.bounds.margin, slopes[accelerations]
+        samples, positions, velocities, accelerations, jerks, snaps = self._parts
+        swarm = self.swarm
+        bounds = swarm.bounds
+        places, pushes = values[samples] * self._stretch, slopes[samples]
+        apart = [
+            self._neighbours.push_apart(places, _ROOM * wider, pushes),
+            push_away(places, self._boxes, swarm.reaches, _ROOM * wider, pushes),
+        ]
+        pushes *= self._stretch * (_APART / self._samples)
+        charges = [Charge(each.cost * _APART / self._samples, each.worst) for each in apart]
+        charges.append(keep_box(values[positions], bounds.lower, bounds.upper, _INSET * wider, slopes[positions]))
+        charges.append(
+            keep_input_set(
+                values[accelerations] / duration**2, swarm.limits, bounds.margin, _MARGIN * wider, slopes[accelerations]
+            )
         )
         slopes[accelerations] /= duration**2
-        bounds = self.swarm.bounds
         for part, order, most in (
             (velocities, 1, bounds.speed_max), (jerks, 3, bounds.jerk_max), (snaps, 4, bounds.snap_max),
         ):  # fmt: skip
             if most is not None:
-                scale = duration**order * most * _SHARE
-                cost += _shorten(values[part] / scale, slopes[part])
+                scale = duration**order * most
+                charges.append(shorten(values[part] / scale, _SHARE * wider, slopes[part]))
                 slopes[part] /= scale
         gradient = _SMOOTH * modes.ravel() + weight * (self._modes.T @ slopes.reshape(len(slopes), -1)).ravel()
-        return 0.5 * _SMOOTH * float((modes * modes).sum()) + weight * cost, gradient
+        cost = 0.5 * _SMOOTH * float((modes * modes).sum()) + weight * sum(charge.cost for charge in charges)
+        return cost, gradient, max(charge.worst for charge in charges)
 
 
 def _samples(swarm: Swarm) -> int:
@@ -136,8 +204,16 @@ def _samples(swarm: Swarm) -> int:
     legs = np.diff(swarm.shapes.knots[swarm.shapes.passed])
     fastest = _PEAK * float((np.sqrt((ways**2).sum(axis=2)) / legs).max())  # m per duration
     closest = float(swarm.distances[~np.eye(len(swarm.distances), dtype=bool)].min(initial=math.inf))
+    if len(swarm.boxes):
+        closest = min(closest, float(swarm.reaches.min()))
     hop = 2.0 * fastest * float(np.diff(swarm.shapes.knots).max())
     return min(40, max(3, math.ceil(hop / (_HOP * closest))))
+
+
+def _times(shapes: Shapes, samples: int) -> FloatArray:
+    """Return the times of the samples, as shares of the duration."""
+    within = (np.arange(samples) + 0.5) / samples
+    return np.asarray((shapes.knots[:-1, np.newaxis] + np.diff(shapes.knots)[:, np.newaxis] * within).ravel())
 
 
 def _sampled(shapes: Shapes, samples: int) -> FloatArray:
@@ -151,59 +227,3 @@ def _sampled(shapes: Shapes, samples: int) -> FloatArray:
 def _edges(sizes: list[int]) -> tuple[list[int], list[int]]:
     ends = np.cumsum(sizes).tolist()
     return [0, *ends[:-1]], ends
-
-
-def _push_apart(positions: FloatArray, asked: FloatArray, slopes: FloatArray) -> float:
-    """Return the sum of (d0 - |D|)^2 over pairs that are too near at samples (S, 3, N); the slopes get its gradient."""
-    places = np.ascontiguousarray(positions.transpose(0, 2, 1))
-    count = places.shape[1]
-    squares = (places * places).sum(axis=2)
-    products = places @ places.transpose(0, 2, 1)
-    between = squares[:, :, np.newaxis] + squares[:, np.newaxis] - 2.0 * products
-    near = np.flatnonzero((between < asked * asked).ravel())
-    sample, pair = np.divmod(near, count * count)
-    first, second = np.divmod(pair, count)
-    one = first < second
-    sample, first, second = sample[one], first[one], second[one]
-    difference = places[sample, first] - places[sample, second]
-    distance = np.sqrt((difference * difference).sum(axis=1)) + 1e-9
-    depth = np.maximum(asked[first, second] - distance, 0.0)
-    push = (-2.0 * depth / distance)[:, np.newaxis] * difference
-    gradient = np.zeros_like(places)
-    np.add.at(gradient, (sample, first), push)
-    np.subtract.at(gradient, (sample, second), push)
-    slopes[:] = gradient.transpose(0, 2, 1)
-    return float(depth @ depth)
-
-
-def _keep_box(positions: FloatArray, bounds: Bounds, slopes: FloatArray) -> float:
-    lower, upper = (bounds.lower + _INSET)[:, np.newaxis], (bounds.upper - _INSET)[:, np.newaxis]
-    beyond = np.maximum(positions - upper, 0.0) - np.maximum(lower - positions, 0.0)
-    slopes[:] = 2.0 * _BOX * beyond
-    return _BOX * float((beyond * beyond).sum())
-
-
-def _keep_input_set(accelerations: FloatArray, limits: InputSet, margin: float, slopes: FloatArray) -> float:
-    """Return the squares of what is missing to the margin (K, 3, N): tilt, thrust_max, thrust_min, m/s^2."""
-    margin += _MARGIN
-    sine, cosine = math.sin(limits.tilt_max), math.cos(limits.tilt_max)
-    across, up = accelerations[:, :2], accelerations[:, 2] + limits.gravity
-    level = np.sqrt((across * across).sum(axis=1)) + 1e-12
-    tilt = np.maximum(level * cosine - up * sine + margin, 0.0)
-    slopes[:, :2] = (2.0 * cosine * tilt / level)[:, np.newaxis] * across
-    slopes[:, 2] = -2.0 * sine * tilt
-    thrust = np.sqrt(level * level + up * up)
-    most = np.maximum(thrust - limits.thrust_max + margin, 0.0)
-    share = 2.0 * most / thrust
-    slopes[:, :2] += share[:, np.newaxis] * across
-    least = np.maximum(limits.thrust_min + margin - up, 0.0)
-    slopes[:, 2] += share * up - 2.0 * least
-    return float((tilt * tilt).sum() + (most * most).sum() + (least * least).sum())
-
-
-def _shorten(vectors: FloatArray, slopes: FloatArray) -> float:
-    """Return the squares of what the norms of vectors (K, 3, N) exceed 1 by."""
-    lengths = np.sqrt((vectors * vectors).sum(axis=1)) + 1e-12
-    beyond = np.maximum(lengths - 1.0, 0.0)
-    slopes[:] = (2.0 * beyond / lengths)[:, np.newaxis] * vectors
-    return float((beyond * beyond).sum())

@@ -24,7 +24,7 @@ from flatsat_ros.plans.curve import NANOMETRE, Curve
 
 _MET = 1000  # nm: how exactly way-points are met
 _ROWS_MAX = 10_000
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 _DRONE = ("body", "tube", "yaw", "knots", "control_points", "waypoints")
 _TUBE = ("source", "radius")
 _SOURCES = ("given", "certificate")
@@ -78,7 +78,7 @@ class PlannedDrone:
     waypoints: tuple[Waypoint, ...] = ()
 
     def __post_init__(self) -> None:
-        require(_NAME.fullmatch(self.name) is not None, "name of a drone", self.name, "", "letters, digits, _")
+        require(NAME.fullmatch(self.name) is not None, "name of a drone", self.name, "", "letters, digits, _")
         require_fields(self, require_positive, body="m")
         require_fields(self, require_number, yaw="rad")
 

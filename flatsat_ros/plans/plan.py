@@ -8,33 +8,37 @@ each drone is inside its tube, what is proved for references holds for drones.
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from flatsat_ros.base.arrays import IntArray
 from flatsat_ros.base.errors import FlatsatError, refusal, require, require_fields, require_not_negative, require_number
 from flatsat_ros.base.files import located
 from flatsat_ros.base.strict_yaml import read_yaml, section, write_yaml
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.input_set import InputSet
-from flatsat_ros.plans import tables
+from flatsat_ros.plans import obstacles, tables
 from flatsat_ros.plans.bounds import Bounds
 from flatsat_ros.plans.curve import NANOMETRE, UNIT
 from flatsat_ros.plans.drone import PlannedDrone
-from flatsat_ros.plans.separation import closest, pairs_of
+from flatsat_ros.plans.obstacles import Box, require_distinct
+from flatsat_ros.plans.separation import Closest, closest, closest_to_boxes, pairs_of
 
 FORMAT = 1
 BYTES_MAX = 1024 * 1024  # a hundred drones with their pairs have 400 KB
 DRONES_MAX = 150
 
 _TABLE_MAX = DRONES_MAX * DRONES_MAX  # lines
+_PAIR = (None, None, 4, 6, 6)
 _DISTANCE_STEP = 10**5  # nm: distances are stated in tenths of a millimetre, rounded down
 
 _HEADER = """\
@@ -48,11 +52,12 @@ _HEADER = """\
 #   bounds, as when the pace changes. Knots in s and control points x y z in m of a B-spline of degree 5 (each knot
 #   once; those at the ends count six times); way-points t x y z in s and m
 # pairs: two drones, the distance in m that they always keep, and from when to when (s) they are nearest
+# obstacles: boxes that stand still: name, lower and upper corner in m; passages: each drone with each of them, as pairs
 """
 
 _ROOT = (
-    "flatsat_plan", "name", "certificate", "limits", "bounds", "downwash", "clearance", "drones", "pairs", "provenance",
-    "hash",
+    "flatsat_plan", "name", "certificate", "limits", "bounds", "downwash", "clearance", "drones", "pairs", "obstacles",
+    "passages", "provenance", "hash",
 )  # fmt: skip
 _LIMITS = ("thrust_max", "tilt_max", "gravity", "thrust_min")
 _BOUNDS = ("margin", "jerk_max", "snap_max", "speed_max", "lower", "upper")
@@ -68,11 +73,11 @@ def require_downwash(name: str, value: object, unit: str) -> float:
 
 
 class Pair(NamedTuple):
-    """Two drones.
+    """Two drones, or a drone and an obstacle.
 
     Attributes:
         first, second: their names.
-        distance: 1e-4 m; their references keep it always, in the downwash metric.
+        distance: 1e-4 m; references keep it always, in the downwash metric.
         start, end: us, an interval in which they are nearest.
     """
 
@@ -96,6 +101,8 @@ class Plan:
         pairs: each two of the drones, in that order.
         downwash: how many times as far drones keep apart along the vertical.
         clearance: kept beside bodies and tubes, m.
+        obstacles: that all drones keep away from, as from a drone without body and tube.
+        passages: each drone with each obstacle, in that order.
         provenance: how it was made; nothing reads it but people.
 
     Raises:
@@ -110,6 +117,8 @@ class Plan:
     pairs: tuple[Pair, ...]
     downwash: float = 2.0
     clearance: float = 0.0
+    obstacles: tuple[Box, ...] = ()
+    passages: tuple[Pair, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -122,29 +131,30 @@ class Plan:
         expected = [(names[i], names[j]) for i, j in zip(first, second, strict=True)]
         if [pair[:2] for pair in self.pairs] != expected:
             raise FlatsatError(f"pairs: must be each two of the {len(names)} drones once, in their order")
+        require_distinct(self.obstacles)
+        expected = [(name, box.name) for name in names for box in self.obstacles]
+        if [passage[:2] for passage in self.passages] != expected:
+            raise FlatsatError("passages: must be each drone with each obstacle once, in their order")
 
     @classmethod
-    def of(cls, drones: Sequence[PlannedDrone], *, downwash: float = 2.0, **others: Any) -> Plan:
+    def of(
+        cls, drones: Sequence[PlannedDrone], *, downwash: float = 2.0, obstacles: tuple[Box, ...] = (), **others: Any
+    ) -> Plan:
         """Return a plan with the distances that can be certified; whether they are enough is for `verify` to say.
 
         Args:
             drones: of the plan.
             downwash: as in the plan.
+            obstacles: likewise.
             others: what else a plan has.
         """
         names = [drone.name for drone in drones]
-        found = closest([drone.curve for drone in drones], downwash)
-        pairs = [
-            Pair(
-                names[i], names[j], distance * 10**9 // (_DISTANCE_STEP * UNIT),
-                math.floor(start * 1e6), math.ceil(end * 1e6),
-            )
-            for i, j, distance, start, end in zip(
-                *(values.tolist() for values in (found.first, found.second, found.distance, found.start, found.end)),
-                strict=True,
-            )
-        ]  # fmt: skip
-        return cls(drones=tuple(drones), pairs=tuple(pairs), downwash=downwash, **others)
+        curves = [drone.curve for drone in drones]
+        pairs = _stated(closest(curves, downwash), names, names)
+        passages = _stated(closest_to_boxes(curves, obstacles, downwash), names, [box.name for box in obstacles])
+        return cls(
+            drones=tuple(drones), pairs=pairs, downwash=downwash, obstacles=obstacles, passages=passages, **others
+        )
 
     @property
     def duration(self) -> float:
@@ -162,9 +172,9 @@ class Plan:
                 return drone.curve.trajectory(drone.yaw)
         raise refusal("drone", name, "", f"one of {', '.join(drone.name for drone in self.drones)}")
 
-    def required(self, first: PlannedDrone, second: PlannedDrone) -> Fraction:
-        """Return the distance that two drones must keep, m: both bodies, both tubes and the clearance."""
-        return first.radius + second.radius + Fraction(self.clearance)
+    def required(self, *drones: PlannedDrone) -> Fraction:
+        """Return the distance that two drones, or one and an obstacle, keep, m: bodies, tubes and clearance."""
+        return sum((drone.radius for drone in drones), Fraction(self.clearance))
 
     def verify(self) -> dict[str, float]:
         """Prove every claim with integers; floating-point numbers only propose separating directions.
@@ -188,30 +198,44 @@ class Plan:
                         f"t = {claim.time:.4f} s on: must hold"
                     )
                 slacks[f"{what} ({claim.unit})"] = claim.slack
-        return slacks | self._separation()
+        curves = [drone.curve for drone in self.drones]
+        required = [self.required(first, second) for first, second in itertools.combinations(self.drones, 2)]
+        slacks |= self._kept(
+            self.pairs, required, "both bodies and tubes", lambda goals: closest(curves, self.downwash, goals)
+        )
+        required = [self.required(drone) for drone in self.drones for _ in self.obstacles]
+        return slacks | self._kept(
+            self.passages, required, "body and tube",
+            lambda goals: closest_to_boxes(curves, self.obstacles, self.downwash, goals),
+        )  # fmt: skip
 
-    def _separation(self) -> dict[str, float]:
+    def _kept(
+        self,
+        pairs: Sequence[Pair],
+        required: Sequence[Fraction],
+        why: str,
+        proved: Callable[[IntArray | None], Closest],
+    ) -> dict[str, float]:
         """Prove the stated distances, and that they are enough."""
         unit = _DISTANCE_STEP * NANOMETRE
-        stated = np.array([math.ceil(pair.distance * unit * UNIT) for pair in self.pairs], dtype=np.int64)
-        found = closest([drone.curve for drone in self.drones], self.downwash, stated)
+        stated = np.array([math.ceil(pair.distance * unit * UNIT) for pair in pairs], dtype=np.int64)
+        found = proved(stated)
         slacks = {}
-        for number, pair in enumerate(self.pairs):
-            first, second = (self.drones[int(side[number])] for side in (found.first, found.second))
-            distance, required = pair.distance * unit, self.required(first, second)
+        for number, (pair, least) in enumerate(zip(pairs, required, strict=True)):
+            distance = pair.distance * unit
             what = f"plan {self.name!r}: '{pair.first}, {pair.second}: distance'"
             if found.distance[number] < stated[number]:
-                exact = closest([first.curve, second.curve], self.downwash)
+                exact = proved(None)
                 raise FlatsatError(
-                    f"{what} is {exact.distance[0] / UNIT:.6g} m at t = {exact.start[0]:.4f} s: must be "
+                    f"{what} is {exact.distance[number] / UNIT:.6g} m at t = {exact.start[number]:.4f} s: must be "
                     f"{float(distance):.4f} m as stated"
                 )
-            if distance < required:
+            if distance < least:
                 raise FlatsatError(
                     f"{what} is {float(distance):.4f} m at t = {pair.start / 1e6:.4f} s: must be "
-                    f"{float(required):.6g} m, both bodies and tubes"
+                    f"{float(least):.6g} m, {why}"
                 )
-            slacks[f"{pair.first}, {pair.second}: distance (m)"] = float(distance - required)
+            slacks[f"{pair.first}, {pair.second}: distance (m)"] = float(distance - least)
         return slacks
 
     def require_made_for(self, certificate: Certificate) -> None:
@@ -264,14 +288,15 @@ class Plan:
             raise refusal("hash", root["hash"], "", f"{digest}, that of the content, which was changed")
         if not isinstance(root["drones"], dict):
             raise refusal("drones", root["drones"], "", "a mapping from names to drones")
-        rows = tables.read("pairs", root["pairs"], (None, None, 4, 6, 6), _TABLE_MAX)
         return cls(
             name=root["name"],
             certificate=root["certificate"],
             limits=InputSet(**section("limits", root["limits"], _LIMITS)),
             bounds=Bounds(**section("bounds", root["bounds"], _BOUNDS)),
             drones=tuple(PlannedDrone.from_document(name, section) for name, section in root["drones"].items()),
-            pairs=tuple(Pair(*row) for row in rows),  # type: ignore[arg-type]
+            pairs=_pairs("pairs", root),
+            obstacles=obstacles.read(root["obstacles"]),
+            passages=_pairs("passages", root),
             downwash=root["downwash"],
             clearance=root["clearance"],
             provenance=root["provenance"],
@@ -289,7 +314,9 @@ class Plan:
             "downwash": self.downwash,
             "clearance": self.clearance,
             "drones": {drone.name: drone.to_document() for drone in self.drones},
-            "pairs": tables.written(self.pairs, (None, None, 4, 6, 6)),
+            "pairs": tables.written(self.pairs, _PAIR),
+            "obstacles": obstacles.written(self.obstacles),
+            "passages": tables.written(self.passages, _PAIR),
             "provenance": dict(self.provenance),
         }  # fmt: skip
         return document | {"hash": _digest(document)}
@@ -299,3 +326,21 @@ def _digest(document: Mapping[str, Any]) -> str:
     """Return the SHA-256 of a document but for its hash."""
     content = {key: value for key, value in document.items() if key != "hash"}
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _pairs(name: str, root: Mapping[str, Any]) -> tuple[Pair, ...]:
+    return tuple(Pair(*row) for row in tables.read(name, root[name], _PAIR, _TABLE_MAX))  # type: ignore[arg-type]
+
+
+def _stated(found: Closest, first: Sequence[str], second: Sequence[str]) -> tuple[Pair, ...]:
+    """Return what a plan states of certified distances: they are rounded down."""
+    return tuple(
+        Pair(
+            first[i], second[j], distance * 10**9 // (_DISTANCE_STEP * UNIT),
+            math.floor(start * 1e6), math.ceil(end * 1e6),
+        )
+        for i, j, distance, start, end in zip(
+            *(values.tolist() for values in (found.first, found.second, found.distance, found.start, found.end)),
+            strict=True,
+        )
+    )  # fmt: skip

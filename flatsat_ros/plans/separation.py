@@ -1,14 +1,15 @@
-"""How near drones come to each other, proved for all times with integers.
+"""How near drones come to each other and to boxes that stand still, proved for all times with integers.
 
 Distances are in the downwash metric, |(dx, dy, dz / w)|: drones keep apart w times as far along the vertical. On an
 interval on which both references are polynomials, their difference lies in the convex hull of its six Bezier control
 points D_k, so every direction n proves |D(t)| >= min_k n'D_k / |n| there. Directions come from floating-point numbers;
 what they prove is computed in 64-bit integers, with every rounding counted. Where that is not enough, the interval is
-halved.
+halved. A box has a direction that proves it likewise, n'(P_k - q) for all points q of the box.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -16,7 +17,8 @@ from fractions import Fraction
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray, IntArray
-from flatsat_ros.plans.curve import ORDER, UNIT, Curve
+from flatsat_ros.plans.curve import NANOMETRE, ORDER, UNIT, Curve
+from flatsat_ros.plans.obstacles import Box
 
 _HALVINGS = 16  # at most, of an interval between knots
 _DIRECTION = 2**20  # length of a direction's integers
@@ -28,7 +30,7 @@ class Closest:
     """The smallest certified distance of each pair of drones, and when it is.
 
     Attributes:
-        first, second: (P,) numbers of the drones.
+        first, second: (P,) numbers of the drones, or of the drone and the box.
         distance: (P,) UNIT for one metre, in the downwash metric; the pair is never nearer.
         start, end: (P,) s, the interval in which it comes so near, or that could not be proved to be better.
     """
@@ -61,17 +63,62 @@ def closest(
     edges = sorted({knot for curve in curves for knot in curve.knots})
     points, error = _stretched(np.stack([curve.fixed(0, edges) for curve in curves]), Fraction(downwash))
     first, second = pairs_of(len(curves))
-    count, spans = len(first), len(edges) - 1
+    origin = np.zeros((len(first), 3), dtype=np.int64)
+    return _proved(points[first] - points[second], 2 * error, (origin, origin), edges, first, second, goals, tolerance)
+
+
+def closest_to_boxes(
+    curves: Sequence[Curve],
+    boxes: Sequence[Box],
+    downwash: float,
+    goals: IntArray | None = None,
+    tolerance: float = 1e-4,
+) -> Closest:
+    """Return certified distances of each drone from each box, the second number.
+
+    Args:
+        curves: as for `closest`.
+        boxes: that stand still.
+        downwash: as for `closest`.
+        goals: likewise.
+        tolerance: m.
+    """
+    edges = sorted({knot for curve in curves for knot in curve.knots})
+    points, error = _stretched(np.stack([curve.fixed(0, edges) for curve in curves]), Fraction(downwash))
+    first, second = (side.ravel() for side in np.indices((len(curves), len(boxes))))
+    divisors = [Fraction(1), Fraction(1), Fraction(downwash)]
+    faces = [
+        [[way(value * NANOMETRE * UNIT / by) for value, by in zip(corner, divisors, strict=True)] for corner in corners]
+        for way, corners in ((math.floor, [box.lower for box in boxes]), (math.ceil, [box.upper for box in boxes]))
+    ]
+    lower, upper = (np.array(face, dtype=np.int64).reshape(-1, 3)[second] for face in faces)
+    return _proved(points[first], error, (lower, upper), edges, first, second, goals, tolerance)
+
+
+def _proved(
+    points: IntArray,
+    error: int,
+    boxes: tuple[IntArray, IntArray],
+    edges: Sequence[int],
+    first: IntArray,
+    second: IntArray,
+    goals: IntArray | None,
+    tolerance: float,
+) -> Closest:
+    """Return certified distances of polynomials, their control points (P, E, 6, 3), from boxes, corners (P, 3) each."""
+    count, spans = points.shape[:2]
     pair = np.repeat(np.arange(count), spans)
     span = np.tile(np.arange(spans), count)
-    differences = (points[first] - points[second]).reshape(-1, *points.shape[2:])
-    error = 2 * error
+    hulls = points.reshape(-1, *points.shape[2:])
     left, width = np.array(edges[:-1], dtype=np.float64)[span], np.diff(edges).astype(np.float64)[span]
     best = np.full(count, np.iinfo(np.int64).max)
     start, end, nearest = np.zeros(count), np.zeros(count), np.full(count, np.inf)
     for halving in range(_HALVINGS + 1):
-        bounds = _lower_bounds(differences, error)
-        ends = np.minimum(*(np.sqrt((differences[:, k].astype(np.float64) ** 2).sum(axis=1)) for k in (0, -1)))
+        corners = (boxes[0][pair], boxes[1][pair])
+        bounds = _lower_bounds(hulls, error, corners)
+        ends = np.minimum(
+            *(np.sqrt((_outside(hulls[:, k].astype(np.float64), corners) ** 2).sum(axis=1)) for k in (0, -1))
+        )
         np.minimum.at(nearest, pair, ends)
         target = nearest - tolerance * UNIT if goals is None else goals
         hopeless = np.zeros_like(target, dtype=bool) if goals is None else nearest < goals - error
@@ -83,7 +130,7 @@ def closest(
         if done.all():
             break
         left, width, pair = left[~done], width[~done] / 2.0, pair[~done]
-        differences, error = _halved(differences[~done]), error + 3
+        hulls, error = _halved(hulls[~done]), error + 3
         left, width, pair = np.concatenate([left, left + width]), np.tile(width, 2), np.tile(pair, 2)
     return Closest(first, second, best, start / 1e6, end / 1e6)
 
@@ -97,25 +144,33 @@ def _stretched(points: IntArray, downwash: Fraction) -> tuple[IntArray, int]:
     return shrunk, 1 + -(-downwash.denominator // (2 * downwash.numerator))
 
 
-def _lower_bounds(differences: IntArray, error: int) -> IntArray:
-    """Return a bound (C,) of the distance from the origin to each hull of control points (C, 6, 3)."""
-    directions = np.rint(_DIRECTION * _toward(differences.astype(np.float64))).astype(np.int64)
-    projections = (differences * directions[:, np.newaxis]).sum(axis=2).min(axis=1)
+def _lower_bounds(hulls: IntArray, error: int, corners: tuple[IntArray, IntArray]) -> IntArray:
+    """Return a bound (C,) of the distance of each hull of control points (C, 6, 3) from its box, corners (C, 3)."""
+    directions = np.rint(_DIRECTION * _toward(hulls.astype(np.float64), corners)).astype(np.int64)
+    projections = (hulls * directions[:, np.newaxis]).sum(axis=2).min(axis=1)
+    projections -= (directions * np.where(directions > 0, corners[1], corners[0])).sum(axis=1)
     projections -= error * np.abs(directions).sum(axis=1)
     lengths = np.sqrt((directions * directions).sum(axis=1).astype(np.float64)).astype(np.int64) + 1
     return np.asarray(np.where(projections > 0, projections // lengths, 0))
 
 
-def _toward(hulls: FloatArray) -> FloatArray:
-    """Return directions (C, 3) from the origin to about the nearest point of each hull (C, 6, 3): Gilbert's steps."""
+def _toward(hulls: FloatArray, corners: tuple[IntArray, IntArray]) -> FloatArray:
+    """Return directions (C, 3) from boxes to about the nearest point of each hull (C, 6, 3): Gilbert's steps."""
     point = hulls.mean(axis=1)
+    way = _outside(point, corners)
     rows = np.arange(len(hulls))
     for _ in range(_STEPS):
-        corner = hulls[rows, (hulls * point[:, np.newaxis]).sum(axis=2).argmin(axis=1)]
+        corner = hulls[rows, (hulls * way[:, np.newaxis]).sum(axis=2).argmin(axis=1)]
         step = corner - point
         square = np.maximum((step * step).sum(axis=1), 1e-300)
-        point = point + np.clip(-(point * step).sum(axis=1) / square, 0.0, 1.0)[:, np.newaxis] * step
-    return np.asarray(point / np.maximum(np.sqrt((point * point).sum(axis=1)), 1e-300)[:, np.newaxis])
+        point = point + np.clip(-(way * step).sum(axis=1) / square, 0.0, 1.0)[:, np.newaxis] * step
+        way = _outside(point, corners)
+    return np.asarray(way / np.maximum(np.sqrt((way * way).sum(axis=1)), 1e-300)[:, np.newaxis])
+
+
+def _outside(points: FloatArray, corners: tuple[IntArray, IntArray]) -> FloatArray:
+    """Return the ways (C, 3) to points from the nearest points of boxes."""
+    return np.asarray(points - np.clip(points, *corners))
 
 
 def _halved(points: IntArray) -> IntArray:

@@ -20,9 +20,10 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.strict_yaml import read_yaml, write_yaml
 from flatsat_ros.certificate.certificate import load_certificate
-from flatsat_ros.plans import Bounds, Curve, Plan, PlannedDrone, Tube, Waypoint, closest
+from flatsat_ros.plans import Bounds, Box, Curve, Plan, PlannedDrone, Tube, Waypoint, closest
 from flatsat_ros.plans.curve import UNIT
 from flatsat_ros.plans.plan import _digest
+from flatsat_ros.plans.separation import closest_to_boxes
 
 CERTIFICATE = load_certificate("paper_experiment")
 BOUNDS = Bounds(margin=0.85, jerk_max=2.0, snap_max=20.0, lower=[-3.0, -3.0, 0.0], upper=[3.0, 3.0, 2.0])  # type: ignore[arg-type]
@@ -306,3 +307,75 @@ def test_stated_distances_are_rounded_down(crossing: Plan) -> None:
     found = closest([drone.curve for drone in crossing.drones], crossing.downwash)
     exact = Fraction(int(found.distance[0]), UNIT)
     assert math.floor(exact * 10**4) == crossing.pairs[0].distance
+
+
+@st.composite
+def random_boxes(draw: st.DrawFn) -> Box:
+    sides = [
+        sorted(draw(st.lists(st.integers(-2 * 10**9, 2 * 10**9), min_size=2, max_size=2, unique=True))) for _ in "xyz"
+    ]
+    lower, upper = zip(*sides, strict=True)
+    return Box("box", lower, upper)
+
+
+@given(random_curves(), random_boxes(), st.sampled_from([1.0, 2.0, 1.7]))
+@settings(max_examples=30)
+def test_a_certified_distance_from_a_box_is_below_all_samples_and_near_the_smallest(
+    curve: Curve, box: Box, downwash: float
+) -> None:
+    found = closest_to_boxes([curve], [box], downwash)
+    path = as_scipy(curve)(np.linspace(0.0, curve.duration, 4001))
+    smallest = metric(path - np.clip(path, *box.corners), downwash).min()
+    assert found.distance[0] / UNIT <= smallest + 1e-9
+    assert smallest - 0.01 < found.distance[0] / UNIT + 2e-4
+
+
+@pytest.fixture(scope="module")
+def passing() -> Plan:
+    """One drone that passes between two boxes, and one that stays away from them."""
+    curves = [straight((-1, 0, 1), (1, 0, 1), 20.0, (0, 0.1, 0)), straight((-1, 1.0, 1), (1, 1.0, 1), 20.0)]
+    boxes = (Box.between("near", [-0.3, 0.31, 0], [0.3, 0.73, 2]), Box.between("far", [-0.3, -0.9, 0], [0.3, -0.25, 2]))
+    return plan_of(curves, obstacles=boxes)
+
+
+def test_a_plan_with_obstacles_is_proved_saved_and_loaded(passing: Plan, tmp_path: Path) -> None:
+    slacks = passing.verify()
+    assert [passage[:2] for passage in passing.passages] == [
+        ("cf1", "near"), ("cf1", "far"), ("cf2", "near"), ("cf2", "far"),
+    ]  # fmt: skip
+    assert slacks["cf1, near: distance (m)"] == pytest.approx(passing.passages[0].distance / 1e4 - 0.2, abs=1e-12)
+    passing.save(tmp_path / "plan.yaml")
+    assert Plan.load(tmp_path / "plan.yaml").to_document() == passing.to_document()
+
+
+@given(st.floats(1.01, 4.0), st.sampled_from([("cf1", "near"), ("cf1", "far"), ("cf2", "near")]), st.integers(0, 2))
+@settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_no_plan_bent_toward_an_obstacle_is_taken(
+    passing: Plan, factor: float, who: tuple[str, str], more: int
+) -> None:
+    slack = passing.verify()[f"{who[0]}, {who[1]}: distance (m)"]
+    (passage,) = (each for each in passing.passages if each[:2] == who)
+    (box,) = (each for each in passing.obstacles if each.name == who[1])
+    place = passing.trajectory(who[0]).sample((passage.start + passage.end) / 2e6)[:3]
+    toward = (np.clip(place, *box.corners) - place) / [1.0, 1.0, passing.downwash]
+    move = (factor * slack + 2e-4) * toward / np.linalg.norm(toward) * [1.0, 1.0, passing.downwash]
+    span = int(np.searchsorted(passing.drones[0].curve.knots, passage.start, side="right")) - 1
+    mutant = bent(passing, who[0], move.tolist(), max(4, span - more), min(13, span + 6 + more))
+    loose = replace(BOUNDS, margin=1e-3, jerk_max=1e4, snap_max=1e5)
+    with pytest.raises(FlatsatError, match=f"'{who[0]}, {who[1]}: distance' is 0"):
+        replace(mutant, bounds=loose, pairs=plan_of([drone.curve for drone in mutant.drones]).pairs).verify()
+
+
+def test_an_obstacle_counts_body_tube_and_clearance(passing: Plan) -> None:
+    slack = passing.verify()["cf1, near: distance (m)"]
+    curves = [drone.curve for drone in passing.drones]
+    plan_of(curves, tube=0.05 + slack - 1e-4, obstacles=passing.obstacles).verify()
+    with pytest.raises(FlatsatError, match=r"'cf1, near: distance' is 0.* must be 0.* m, body and tube"):
+        plan_of(curves, tube=0.05 + slack + 1e-4, obstacles=passing.obstacles).verify()
+    moved = (replace(passing.obstacles[0], lower=(-(10**9), 3 * 10**8, 0)), passing.obstacles[1])
+    with pytest.raises(FlatsatError, match=r"'cf1, near: distance' is 0.* must be 0.* m as stated"):
+        replace(passing, obstacles=moved).verify()
+    with pytest.raises(FlatsatError, match="passages: must be each drone with each obstacle once"):
+        replace(passing, obstacles=moved[:1])
+    with pytest.raises(FlatsatError, match=r"names of the obstacles = .*: must be different"):
+        plan_of(curves, obstacles=(passing.obstacles[0], passing.obstacles[0]))
