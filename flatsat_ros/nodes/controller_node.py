@@ -31,16 +31,13 @@ from flatsat_ros.nodes.crazyswarm import HAND_OVER_FORCE, SETTLING_TIME, DroneLi
 from flatsat_ros.nodes.flight_report import FlightLog, report_flight
 from flatsat_ros.nodes.flight_services import FlightServices
 from flatsat_ros.nodes.markers import Markers
-from flatsat_ros.nodes.other_robots import declare_others, follow_others
+from flatsat_ros.nodes.other_robots import OtherRobots, declare_others
 from flatsat_ros.nodes.plan_control import PlanControl, declare_plan
-from flatsat_ros.nodes.pose_sources import PoseSources
+from flatsat_ros.nodes.pose_sources import PoseSources, declare_pose_source
 from flatsat_ros.nodes.rivals import Rivals
 from flatsat_ros.nodes.ros import cdr, interfaces, messages
 from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, Report
-from flatsat_ros.nodes.ros.parameters import (
-    declare,
-    require_known_parameters,
-)
+from flatsat_ros.nodes.ros.parameters import declare, require_known_parameters
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 from flatsat_ros.nodes.setup_report import SetupReport
 from flatsat_ros.nodes.tuning import TuningParameters
@@ -62,7 +59,7 @@ class ControllerNode(ProgramNode):
         self.robots, self._certificate, self._world = setup.robots, setup.certificate, setup.world.encode()
         tuning = TuningParameters(self, self.robots, self._certificate)
         self._backends = Backends(self, self.robots, self._flies)
-        self._sources = PoseSources(self, self.robots, setup.world, self._flies)
+        self._sources = PoseSources(self, self.robots, setup.world, self._flies, declare_pose_source(self))
         declare(self, HAND_OVER_FORCE, False, "hand over although nobody is there to take over", changeable=True)
         others = declare_others(self, self.robots)
         plan = declare_plan(self)
@@ -86,7 +83,8 @@ class ControllerNode(ProgramNode):
         for index, robot in enumerate(self.robots):
             self._connect(index, robot)
         follow_batteries(self, self.robots, self._take_voltage)
-        follow_others(self, others, self._world, lambda i, place: self._pilot.traffic.see(i, place, self._stamps.now))
+        see = self._pilot.traffic.see
+        self._others = OtherRobots(self, others, setup.world, lambda i, place: see(i, place, self._stamps.now))
         actions = {
             "takeoff": self._take_off,
             "land": self._pilot.land,
@@ -99,7 +97,8 @@ class ControllerNode(ProgramNode):
         FlightServices(self, self.robots, steered, partial(self._steer, self._arm), self._log)
         self._links = [DroneLink(self, robot) for robot in self.robots]
         self.create_timer(self._certificate.period, self._on_tick)
-        self._rivals = Rivals(self, self.robots, lambda index, why: self._pilot.clearance.bar(index, Cause.RIVALS, why))
+        bar = self._pilot.clearance.bar
+        self._rivals = Rivals(self, self.robots, self._sources.beside, lambda i, why: bar(i, Cause.RIVALS, why))
         self.create_timer(_LOOK_PERIOD, self._look_around)
         Diagnostics(self, self._report)
         self.get_logger().info(
@@ -204,6 +203,7 @@ class ControllerNode(ProgramNode):
                     stamp, position, quaternion = self._sources.take(index)
                     measured = self._stamps.measured(index, stamp)
                     self._pilot.measure(index, measured, position, quaternion, self._stamps.now)
+        self._others.take()
 
     def _on_goal(self, index: int, data: bytes) -> None:
         with self._telling(index, interfaces.GOAL):
@@ -313,6 +313,7 @@ class ControllerNode(ProgramNode):
                 self._backends.look(index)
         with self.faults.contain("pose sources"):
             self._sources.look()
+            self._others.look()
 
     def _newest(self) -> tuple[Tick, np.ndarray] | None:
         return None if self._last is None else (self._last, self._pilot.places)

@@ -1,12 +1,11 @@
-"""Robots that are not flown here but must be kept away from: where they are, from their pose topics."""
+"""Robots that are not flown here but must be kept away from: where they are, from topics as those of drones."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 
 from flatsat_ros.base.errors import refusal
-from flatsat_ros.nodes.ros import cdr, interfaces
+from flatsat_ros.nodes.pose_sources import PoseSource, PoseSources
 from flatsat_ros.nodes.ros.parameters import declare, require_robot_names
 from flatsat_ros.nodes.ros.runtime import ProgramNode
 
@@ -21,7 +20,7 @@ def declare_others(node: ProgramNode, robots: Sequence[str]) -> list[str]:
     Raises:
         FlatsatError: a name is no ROS name, is given twice or is that of a drone that is flown here.
     """
-    meaning = "names of robots that are not flown here, kept away from where <name>/pose says they are; [''] for none"
+    meaning = "names of robots that are not flown here, kept away from where their poses say they are; [''] for none"
     names = declare(node, "other_poses", [""], meaning)
     if names == [""]:
         return []
@@ -32,22 +31,28 @@ def declare_others(node: ProgramNode, robots: Sequence[str]) -> list[str]:
     return names
 
 
-def follow_others(node: ProgramNode, names: Sequence[str], world: bytes, see: See) -> None:
-    """Call see with the number of another robot and its position (3,), m, for every pose of it.
+class OtherRobots:
+    """Where other robots are seen: each from whatever topic has poses of it, as `PoseSource.AUTO`."""
 
-    Args:
-        node: that subscribes.
-        names: of the robots.
-        world: the frame_id that poses must have, or none.
-        see: what is called.
-    """
+    def __init__(self, node: ProgramNode, names: Sequence[str], world: str, see: See) -> None:
+        """Subscribe.
 
-    def take(number: int, data: bytes) -> None:
-        cdr.require_short(data)
-        cdr.require_frame(data, world)
-        _, position, _ = cdr.pose_from_cdr(data)
-        see(number, position)
+        Args:
+            node: that subscribes.
+            names: of the robots.
+            world: the frame_id that poses must have, or none.
+            see: called with the number of a robot and its position (3,), m.
+        """
+        self._node, self._names, self._see = node, names, see
+        self._sources = PoseSources(node, names, world, lambda _: False, PoseSource.AUTO)
 
-    pose = interfaces.POSE
-    for number, name in enumerate(names):
-        node.create_subscription(pose.kind, pose.of(name), partial(take, number), pose.subscribe, raw=True)
+    def look(self) -> None:
+        """Look for other topics, where one is silent."""
+        self._sources.look()
+
+    def take(self) -> None:
+        """Take in the poses that have come."""
+        for number, name in enumerate(self._names):
+            while self._sources.queues[number]:
+                with self._node.faults.contain(f"{name}/pose"):
+                    self._see(number, self._sources.take(number).position)

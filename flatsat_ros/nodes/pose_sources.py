@@ -12,7 +12,9 @@ from collections.abc import Callable, Iterable, Sequence
 from enum import Enum
 from functools import partial
 from importlib import import_module
-from typing import Any
+from typing import Any, NamedTuple
+
+from rclpy.serialization import deserialize_message
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.nodes.ros import cdr, interfaces, messages
@@ -41,6 +43,32 @@ _SHARED = {
 }
 
 
+# what tells of the bodies in a message of these types
+_READERS: dict[PoseSource, Callable[[Any], Iterable[messages.Body]]] = {
+    PoseSource.POSES: messages.named_poses_from_message,
+    PoseSource.TF: messages.transforms_from_message,
+}
+
+
+class Source(NamedTuple):
+    """A topic that poses of a drone come from.
+
+    Attributes:
+        topic: its name.
+        kind: type of its messages.
+        tells: of which drones a serialised message tells, by name.
+    """
+
+    topic: str
+    kind: Any
+    tells: Callable[[bytes], Iterable[str]]
+
+
+def declare_pose_source(node: ProgramNode) -> PoseSource:
+    """Declare which topic poses come from."""
+    return declare_choice(node, "pose_source", PoseSource, "topic that poses come from")
+
+
 class PoseSources:
     """The poses of all drones, as they come in.
 
@@ -48,14 +76,17 @@ class PoseSources:
         queues: of each drone, what has not been taken yet.
     """
 
-    def __init__(self, node: ProgramNode, robots: Sequence[str], world: str, flies: Callable[[int], bool]) -> None:
-        """Declare the parameter and subscribe.
+    def __init__(
+        self, node: ProgramNode, robots: Sequence[str], world: str, flies: Callable[[int], bool], wanted: PoseSource
+    ) -> None:
+        """Subscribe.
 
         Args:
             node: that subscribes.
             robots: names of the drones; on /poses bodies are called so, on /tf frames.
             world: the frame_id that poses must have, or none.
             flies: whether a drone, by its number, is in the air: then its source stays.
+            wanted: the source.
 
         Raises:
             FlatsatError: the type of the source that was asked for is not installed.
@@ -64,7 +95,7 @@ class PoseSources:
         self._node, self._robots, self._flies = node, list(robots), flies
         self._numbers = {robot: index for index, robot in enumerate(robots)}
         self._world = world
-        self._wanted = declare_choice(node, "pose_source", PoseSource, "topic that poses come from")
+        self._wanted = wanted
         self._current: list[PoseSource | None] = [None] * len(robots)
         self._heard = [time.monotonic()] * len(robots)
         self._subscribed: set[PoseSource] = set()
@@ -87,6 +118,20 @@ class PoseSources:
             return pose
         cdr.require_frame(pose, self._world.encode())
         return cdr.pose_from_cdr(pose)
+
+    def beside(self, index: int) -> Source | None:
+        """Return where the poses of a drone come from if that is not its topic of poses."""
+        source, robot = self._current[index], self._robots[index]
+        if source is None or source is PoseSource.POSE:
+            return None
+        kind = self._kind(source)
+
+        def tells(data: bytes) -> Iterable[str]:
+            if source is PoseSource.ODOM:
+                return (robot,)
+            return [self._robots[of] for of, _ in self._ours(source, deserialize_message(data, kind))]
+
+        return Source(self._topic(source, robot), kind, tells)
 
     def look(self) -> None:
         """Look for other sources, where the one of a drone is silent or none is known."""
@@ -136,12 +181,13 @@ class PoseSources:
             for index, robot in enumerate(self._robots):
                 topic, hear = interfaces.ODOMETRY, partial(self._on_odometry, index)
                 node.create_subscription(kind, topic.of(robot), hear, topic.subscribe)
-        elif source is PoseSource.POSES:
-            read = partial(self._on_bodies, source, messages.named_poses_from_message)
-            node.create_subscription(kind, interfaces.NAMED_POSES, read, interfaces.NAMED_POSES_SUBSCRIBE)
         else:
-            read = partial(self._on_bodies, source, messages.transforms_from_message)
-            node.create_subscription(kind, interfaces.TF, read, interfaces.TF_SUBSCRIBE)
+            take = partial(self._on_bodies, source)
+            quality = {
+                PoseSource.POSES: interfaces.NAMED_POSES_SUBSCRIBE,
+                PoseSource.TF: interfaces.TF_SUBSCRIBE,
+            }[source]
+            node.create_subscription(kind, self._topic(source, ""), take, quality)
 
     def _on_pose(self, index: int, data: bytes) -> None:
         cdr.require_short(data)
@@ -152,13 +198,18 @@ class PoseSources:
         cdr.require_world(frame, self._world)
         self._keep(index, PoseSource.ODOM, cdr.Pose(stamp, position, quaternion))
 
-    def _on_bodies(self, source: PoseSource, read: Callable[[Any], Iterable[messages.Body]], message: Any) -> None:
-        for body in read(message):
+    def _on_bodies(self, source: PoseSource, message: Any) -> None:
+        for index, body in self._ours(source, message):
+            cdr.require_world(body.frame, self._world)
+            self._keep(index, source, cdr.Pose(body.stamp, body.position, body.quaternion))
+
+    def _ours(self, source: PoseSource, message: Any) -> Iterable[tuple[int, messages.Body]]:
+        """Return the bodies of a message that are drones, with their numbers."""
+        for body in _READERS[source](message):
             index = self._numbers.get(body.name)
             # on /tf frames may stand in others than the world's, which are none of poses
             if index is not None and (source is PoseSource.POSES or body.frame in ("", self._world)):
-                cdr.require_world(body.frame, self._world)
-                self._keep(index, source, cdr.Pose(body.stamp, body.position, body.quaternion))
+                yield index, body
 
     def _keep(self, index: int, source: PoseSource, pose: bytes | cdr.Pose) -> None:
         """Take in a pose, if it comes from where those of the drone come from."""

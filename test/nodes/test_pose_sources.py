@@ -75,11 +75,10 @@ class Room:
                 return kinds
             raise ModuleNotFoundError
 
-        monkeypatch.setattr(pose_sources, "declare_choice", lambda *_: wanted)
         monkeypatch.setattr(pose_sources, "import_module", load)
         monkeypatch.setattr(time, "monotonic", lambda: self.now)
         node: Any = self.node
-        self.sources = PoseSources(node, ["cf1", "CF_2"], "world", self.flying.__contains__)
+        self.sources = PoseSources(node, ["cf1", "CF_2"], "world", self.flying.__contains__, wanted)
 
     def heard(self, index: int) -> list[float]:
         """Take what has come of a drone; return its x."""
@@ -138,7 +137,15 @@ def test_poses_come_from_the_source_that_is_asked_for(
     monkeypatch: pytest.MonkeyPatch, source: PoseSource, topic: str, message: Any
 ) -> None:
     room = Room(monkeypatch, source)
+    monkeypatch.setattr(pose_sources, "deserialize_message", lambda data, _: data)
+    assert room.sources.beside(0) is None
     room.node.takes[topic](message)
+    beside = room.sources.beside(0)
+    if source is PoseSource.POSE:
+        assert beside is None
+    else:
+        assert beside is not None
+        assert (beside.topic, list(beside.tells(message))) == (topic, ["cf1"])
     assert (room.heard(0), room.heard(1)) == ([1.0], [])
     room.node.publishers |= {"/poses", "/tf", "cf1/pose", "cf1/odom"}
     room.let_pass(5.0)

@@ -20,6 +20,7 @@ class Queue:
     Attributes:
         numbers: of the messages.
         matched: publishers that are connected.
+        data: of every message: the robots that it tells of.
     """
 
     msg_type = object
@@ -27,6 +28,7 @@ class Queue:
     def __init__(self, matched: int = 2) -> None:
         self.numbers: list[int | None] = []
         self.matched = matched
+        self.data = b""
         self.handle = SimpleNamespace(take_message=self._take)
 
     def get_publisher_count(self) -> int:
@@ -34,17 +36,22 @@ class Queue:
 
     def _take(self, _: Any, raw: bool) -> tuple[bytes, dict[str, int | None]] | None:
         assert raw
-        return (b"", {"publication_sequence_number": self.numbers.pop(0)}) if self.numbers else None
+        return (self.data, {"publication_sequence_number": self.numbers.pop(0)}) if self.numbers else None
 
 
-def heard(ear: Ear, now: float, *numbers: int | None, silent: bool = False) -> Heard:
+def ear_of(queue: Queue) -> Ear:
+    return Ear(queue, 0.0, lambda data: data.decode().split())
+
+
+def heard(ear: Ear, now: float, *numbers: int | None, silent: bool = False, about: str = "cf1") -> Heard:
     ear.subscription.numbers += numbers
-    return ear.listen(now, 2, silent=silent)
+    ear.subscription.data = about.encode()
+    return ear.listen(now, 2, "cf1", silent=silent)
 
 
 @given(st.lists(st.integers(1, 10**6), unique=True).map(sorted), st.integers(1, 5))
 def test_one_sender_is_one_whatever_it_loses(numbers: list[int], looks: int) -> None:
-    ear = Ear(Queue(), 0.0)
+    ear = ear_of(Queue())
     for look in range(looks):
         part = numbers[look * len(numbers) // looks : (look + 1) * len(numbers) // looks]
         assert heard(ear, 0.1 * look, *part) is Heard.UNKNOWN
@@ -67,14 +74,14 @@ def test_two_senders_are_two_as_soon_as_one_sends_before_and_after_the_other(
     for sender in (*order, mirrored, not mirrored, mirrored):
         numbers.append(following[sender])
         following[sender] += 1
-    ear = Ear(Queue(), 0.0)
+    ear = ear_of(Queue())
     heard(ear, 1.0, *numbers[:cut])
     assert heard(ear, 1.0 + 0.9 * _HOLD, *numbers[cut:]) is Heard.SEVERAL
     assert heard(ear, 1.0 + 2.0 * _HOLD) is Heard.ONE
 
 
 def test_what_is_heard_while_we_are_silent_is_another() -> None:
-    ear = Ear(Queue(), 0.0)
+    ear = ear_of(Queue())
     assert heard(ear, 0.0, 7, silent=True) is Heard.SEVERAL
     assert heard(ear, 1.0, 8, 9) is Heard.SEVERAL
     assert heard(ear, _HOLD, 10) is Heard.ONE
@@ -82,7 +89,7 @@ def test_what_is_heard_while_we_are_silent_is_another() -> None:
 
 def test_until_all_that_are_listed_are_connected_nothing_is_known() -> None:
     queue = Queue(matched=1)
-    ear = Ear(queue, 0.0)
+    ear = ear_of(queue)
     assert heard(ear, 10.0, 1, 2, 3) is Heard.UNKNOWN
     queue.matched = 2
     assert heard(ear, 11.0, 4) is Heard.UNKNOWN
@@ -90,4 +97,19 @@ def test_until_all_that_are_listed_are_connected_nothing_is_known() -> None:
 
 
 def test_without_numbers_every_message_counts() -> None:
-    assert heard(Ear(Queue(), 0.0), 10.0, None) is Heard.SEVERAL
+    assert heard(ear_of(Queue()), 10.0, None) is Heard.SEVERAL
+
+
+@given(st.lists(st.tuples(st.booleans(), st.booleans()), max_size=30), st.booleans())
+def test_two_senders_that_share_a_topic_are_two_of_those_of_whom_both_tell(
+    order: list[tuple[bool, bool]], both: bool
+) -> None:
+    """The first tells of cf1 and perhaps cf2, the second of cf2 and, if both do, of cf1."""
+    following, ear, now = {False: 1, True: 1000}, ear_of(Queue()), 0.0
+    for sender, other in [*order, *[(False, False), (True, False), (False, False)]]:
+        first = "cf1 cf2" if other else "cf1"
+        about = ("cf1 cf2" if both else "cf2") if sender else first
+        answer = heard(ear, now, following[sender], about=about)
+        following[sender] += 1
+        now += 0.01
+    assert (answer is Heard.SEVERAL) == both
