@@ -186,8 +186,12 @@ class Lab:
         for name, value in parameters.items():
             text = str(value).lower() if isinstance(value, bool) else str(value).replace("'", "")
             arguments += ["-p", f"{name.replace('__', '.')}:={text}"]
-        log = self._folder / f"{len(self._processes)}_{executable}.log"
-        process = Process(self._executables / executable, arguments, log)
+        return self.run(self._executables / executable, *arguments)
+
+    def run(self, executable: Path, *arguments: str) -> Process:
+        """Start an executable of others'."""
+        log = self._folder / f"{len(self._processes)}_{executable.name}.log"
+        process = Process(executable, arguments, log)
         self._processes.append(process)
         return process
 

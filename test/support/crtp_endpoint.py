@@ -19,24 +19,45 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from crtp_commands import Commands
 
 from flatsat_ros.sim.fleet import SimulatedFleet
+from flatsat_ros.sim.log_variables import VARIABLES
 from flatsat_ros.sim.state_machine import State
 
 PROTOCOL = 12
 _PATIENCE = 0.002  # s
 _CATCH_UP = 0.25  # s, as in sim_drone
 _PIECE = 30  # bytes of a packet
-_FLOAT, _UINT16, _FP16 = 7, 2, 8
-_FORMAT = {_FLOAT: "<f", _UINT16: "<H", _FP16: "<e"}
-_CREATE, _START, _RESET = 6, 3, 5
+# types of log variables, log.h
+_UINT8, _UINT16, _INT8, _INT16, _FLOAT, _FP16 = 1, 2, 4, 5, 7, 8
+_FORMAT = {_UINT8: "<B", _UINT16: "<H", _INT8: "<b", _INT16: "<h", _FLOAT: "<f", _FP16: "<e"}
+_KINDS = {"supervisor.info": _UINT16, "pm.vbatMV": _UINT16, "pm.state": _INT8, "radio.rssi": _UINT8}
+_CREATE, _START, _STOP, _RESET = 6, 3, 4, 5
+_RSSI = 40  # -dBm
+# types of parameters, param.h
+_BYTE, _REAL = 0x08, 0x06
+_VALUE = {_BYTE: "<B", _REAL: "<f"}
 
-LOG = (
+Table = Sequence[tuple[str, int]]
+# what our own bridge asks for, and two parameters: longer tables take longer to connect
+BRIEF_LOG: Table = (
     *((f"stateEstimate.{name}", _FLOAT) for name in ("x", "y", "z", "qx", "qy", "qz", "qw")),
     ("pm.vbat", _FLOAT),
     ("supervisor.info", _UINT16),
 )
-PARAMETERS = (("stabilizer.controller", 8), ("flightmode.stabModeYaw", 8))
+BRIEF_PARAMETERS: Table = (("stabilizer.controller", _BYTE), ("flightmode.stabModeYaw", _BYTE))
+# of the tables of a real drone what the simulated one has
+LOG: Table = tuple(
+    (name, _INT16 if name.startswith("stateEstimateZ.") else _KINDS.get(name, _FLOAT))
+    for name in (*VARIABLES, "radio.rssi")
+)
+PARAMETERS: Table = (
+    *BRIEF_PARAMETERS,
+    *((name, _BYTE) for name in ("stabilizer.estimator", "commander.enHighLevel", "hlCommander.groupmask")),
+    *((name, _BYTE) for name in ("led.bitmask", "ring.effect", "usd.logging")),
+    *((name, _REAL) for name in ("locSrv.extPosStdDev", "locSrv.extQuatStdDev", "hlCommander.vtoff")),
+)
 
 
 class Received(NamedTuple):
@@ -56,7 +77,7 @@ class Received(NamedTuple):
 class Block:
     """One block of log variables."""
 
-    variables: list[tuple[int, int]]  # index in LOG, type to send
+    variables: list[tuple[int, int]]  # index in the table, type to send
     period: float = 0.0  # s; 0: stopped
     due: float = 0.0
 
@@ -71,6 +92,7 @@ class Drone:
         deaf: neither hears nor answers, as one that is out of range.
         delay: s, of every answer.
         loss: probability that a packet of either direction vanishes.
+        parameters: values of those that were set; the others are 1.
     """
 
     port: int
@@ -82,6 +104,7 @@ class Drone:
     deaf: bool = False
     delay: float = 0.0
     loss: float = 0.0
+    parameters: dict[str, float] = field(default_factory=dict)
 
     def of(self, port: int, channel: int) -> list[Received]:
         """What came on a port and channel."""
@@ -101,10 +124,14 @@ class Endpoint:
         drones: their links, switched off at first.
     """
 
-    def __init__(self, fleet: SimulatedFleet, seed: int = 0) -> None:
+    def __init__(
+        self, fleet: SimulatedFleet, seed: int = 0, log: Table = BRIEF_LOG, parameters: Table = BRIEF_PARAMETERS
+    ) -> None:
         self.fleet = fleet
         self.lock = threading.Lock()
         self.drones = [Drone(_free_port()) for _ in range(fleet.count)]
+        self._log_table, self._parameters = log, parameters
+        self._commands = [Commands(fleet, index) for index in range(fleet.count)]
         self._random = random.Random(seed)
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="endpoint", daemon=True)
@@ -123,7 +150,8 @@ class Endpoint:
                 drone.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
                 drone.socket.setblocking(False)
                 drone.socket.bind(("127.0.0.1", drone.port))
-                drone.peer, drone.blocks = None, {}
+                drone.peer, drone.blocks, drone.parameters = None, {}, {}
+                self._commands[index] = Commands(self.fleet, index)
                 self.fleet.reboot(index)
 
     def switch_off(self, index: int) -> None:
@@ -187,14 +215,18 @@ class Endpoint:
             (15, 1): lambda _, data: iter([b"Bitcraze Crazyflie\0"]),
             (15, 0): lambda _, data: iter([data]),
             (13, 1): lambda _, data: iter([bytes([0, PROTOCOL])]),
-            (5, 0): lambda _, data: _table(data, LOG, extra=b"\x10\x80"),
-            (2, 0): lambda _, data: _table(data, PARAMETERS),
-            (2, 1): lambda _, data: iter([data[:2] + b"\0\1"]),
-            (2, 2): lambda _, data: iter([data]),
-            (4, 0): lambda _, data: iter([bytes([1, 0])]),
+            (5, 0): lambda _, data: _table(data, self._log_table, extra=b"\x10\x80"),
+            (2, 0): lambda _, data: _table(data, self._parameters),
+            (2, 1): self._on_parameter_read,
+            (2, 2): self._on_parameter_write,
+            (2, 3): self._on_parameter_by_name,
+            (4, 0): lambda index, data: iter([self._commands[index].on_memory_question(data)]),
+            (4, 2): lambda index, data: iter([self._commands[index].on_write(data)]),
             (5, 1): self._on_log_command,
             (3, 0): self._on_setpoint,
+            (7, 0): self._on_generic_setpoint,
             (7, 1): self._on_notify,
+            (8, 0): lambda index, data: iter([self._commands[index].on_high_level(data)]),
             (9, 1): self._on_supervisor,
         }
 
@@ -208,12 +240,37 @@ class Endpoint:
             blocks[block] = Block([(number, kind & 0x0F) for kind, number in entries])
         elif command == _START:
             blocks[block].period = data[2] / 100.0
+        elif command == _STOP:
+            blocks[block].period = 0.0
         yield bytes([command, block, 0])
+
+    def _on_parameter_read(self, index: int, data: bytes) -> Iterator[bytes]:
+        name, kind = self._parameters[struct.unpack_from("<H", data)[0]]
+        yield data[:2] + b"\0" + struct.pack(_VALUE[kind], self.drones[index].parameters.get(name, 1))
+
+    def _on_parameter_write(self, index: int, data: bytes) -> Iterator[bytes]:
+        name, kind = self._parameters[struct.unpack_from("<H", data)[0]]
+        self._set(index, name, *struct.unpack_from(_VALUE[kind], data, 2))
+        yield data
+
+    def _on_parameter_by_name(self, index: int, data: bytes) -> Iterator[bytes]:
+        group, name, rest = data[1:].split(b"\0", 2)
+        self._set(index, f"{group.decode()}.{name.decode()}", *struct.unpack_from(_VALUE[rest[0]], rest, 1))
+        yield data[: -len(rest)] + b"\0"
+
+    def _set(self, index: int, name: str, value: float) -> None:
+        self.drones[index].parameters[name] = value
+        if name == "hlCommander.groupmask":
+            self.fleet.firmware.high_level.group_mask[index] = int(value)
 
     def _on_setpoint(self, index: int, data: bytes) -> Iterator[bytes]:
         roll, pitch, yaw, thrust = struct.unpack_from("<fffH", data)
         # the packet's pitch is the negative of ours
         self.fleet.command(index, roll, -pitch, yaw, thrust)
+        return iter(())
+
+    def _on_generic_setpoint(self, index: int, data: bytes) -> Iterator[bytes]:
+        self._commands[index].on_setpoint(data)
         return iter(())
 
     def _on_notify(self, index: int, data: bytes) -> Iterator[bytes]:
@@ -230,19 +287,18 @@ class Endpoint:
             firmware.request_emergency(index)
 
     def _log(self, index: int, drone: Drone, now: float) -> None:
+        """Send what the drone logs; its estimate is the truth."""
         for number, block in drone.blocks.items():
             if block.period and now >= block.due:
                 block.due = max(block.due + block.period, now)
-                values = self._values(index)
-                data = b"".join(struct.pack(_FORMAT[kind], values[variable]) for variable, kind in block.variables)
+                data = b"".join(self._value(index, variable, kind) for variable, kind in block.variables)
                 stamp = round(self.fleet.time * 1000) & 0xFFFFFF
                 self._answer(drone, 5, 2, bytes([number]) + stamp.to_bytes(3, "little") + data)
 
-    def _values(self, index: int) -> list[float]:
-        """What the drone logs, in the order of LOG; its estimate is the truth."""
-        positions, quaternions = self.fleet.poses()
-        battery, info = self.fleet.power.voltage[index], int(self.fleet.firmware.info()[index])
-        return [*positions[index].tolist(), *quaternions[index].tolist(), float(battery), info]
+    def _value(self, index: int, variable: int, kind: int) -> bytes:
+        name, _ = self._log_table[variable]
+        value = VARIABLES[name](self.fleet, index) if name in VARIABLES else _RSSI
+        return struct.pack(_FORMAT[kind], value if kind in (_FLOAT, _FP16) else int(value))
 
     def _answer(self, drone: Drone, port: int, channel: int, data: bytes) -> None:
         drone.answers.append((time.monotonic() + drone.delay, bytes([port << 4 | 3 << 2 | channel]) + data))
