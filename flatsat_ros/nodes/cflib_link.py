@@ -6,7 +6,8 @@ Nothing of the drone's is asked before a set-point may fly: from its first answe
 message once. So silence of the controller is silence on the radio, and the firmware's watchdogs keep their meaning.
 
 In cflib's radio driver a packet waits for the drone's turn on the dongle, and one that got lost is sent again and
-again: set-points would arrive several turns old. They are put in at the last moment instead, see `_Turn`.
+again: set-points would arrive several turns old. They are put in at the last moment instead, see `_Turn`. cflib has no
+public place for that: what its driver is given to send, it keeps until the drone has confirmed it.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import time
 import warnings
 from array import array
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -137,12 +138,27 @@ class _CflibSender:
         self._cf.commander.send_notify_setpoint_stop()
 
 
+class _LatePacket:
+    """A packet for a dongle that is decided on when the dongle reads it, once."""
+
+    def __init__(self, decide: Callable[[], Sequence[int]]) -> None:
+        self._decide = decide
+        self._bytes: Sequence[int] | None = None
+
+    def __iter__(self) -> Iterator[int]:
+        """Return its bytes."""
+        if self._bytes is None:
+            self._bytes = self._decide()
+        return iter(self._bytes)
+
+
 class _Turn(_CflibSender):
     """What one drone is sent when its turn on a dongle has come: the newest set-point, or external pose.
 
     cflib's radio driver sends one packet after the other, the same until the drone has confirmed it, and an empty one
     if there is nothing to say. What comes again and again takes the place of the empty ones, and of those that measure
-    the time to the drone and back.
+    the time to the drone and back. The packets of all drones of a dongle wait for it in one queue: a `_LatePacket` is
+    opened at its end.
     """
 
     def __init__(self, cf: Crazyflie, outbox: Outbox, answered: Callable[[], bool]) -> None:
@@ -155,7 +171,7 @@ class _Turn(_CflibSender):
         """
         super().__init__(cf)
         self._outbox, self._answered = outbox, answered
-        self._packet = CRTPPacket()
+        self._packet: CRTPPacket | None = None
         self._transmit = cf.link._radio.send_packet
         cf.link._radio.send_packet = self._take_turn
         outbox.pulled = True
@@ -164,17 +180,25 @@ class _Turn(_CflibSender):
         self._packet = packet
 
     def _take_turn(self, data: Sequence[int]) -> Any:
-        """Transmit a packet, in cflib's thread, and return the acknowledgement, which has the drone's answer."""
+        """Transmit a packet, in a thread of cflib's, and return the acknowledgement, which has the drone's answer."""
         header = data[0] | _LINK_BITS
         # with data behind it, the header of an empty packet asks for this numbering
         spare = header == _ECHO or (header == _EMPTY and len(data) == 1)
-        if not (spare and self._answered() and self._outbox.pull(self, time.monotonic())):
+        if not (spare and self._answered()):
             return self._transmit(data)
-        numbered = self._packet.get_header() & ~_LINK_BITS | data[0] & _LINK_BITS
-        acknowledged = self._transmit(array("B", [numbered, *self._packet.datal]))
-        if acknowledged is None or not acknowledged.ack:
+        self._packet = None
+        acknowledged = self._transmit(_LatePacket(partial(self._decide, data)))
+        if self._packet is not None and (acknowledged is None or not acknowledged.ack):
             self._outbox.lose()
         return acknowledged
+
+    def _decide(self, data: Sequence[int]) -> Sequence[int]:
+        """Return what is transmitted in the place of a packet of the driver's; in the thread of the dongle."""
+        self._outbox.pull(self, time.monotonic())
+        if self._packet is None:
+            return data
+        numbered = self._packet.get_header() & ~_LINK_BITS | data[0] & _LINK_BITS
+        return array("B", [numbered, *self._packet.datal])
 
 
 class Link:
@@ -296,11 +320,13 @@ class Link:
         self._heard = opened = time.monotonic()
         cf.open_link(self.address.uri)
         if cf.link:
-            # over UDP a single lost packet would otherwise end the connection's set-up
-            cf.link.needs_resending = True
             self.outbox.pulled = False
             if hasattr(cf.link, "_radio"):
                 _Turn(cf, self.outbox, lambda: self.connected)
+            else:
+                # over UDP a single lost packet would end the connection's set-up; a radio's driver repeats by itself,
+                # and requests sent again meanwhile would take the turns of set-points
+                cf.link.needs_resending = True
         while not cf.error:
             self._wake.wait(min(self.outbox.wait(time.monotonic()), _LOOK))
             self._wake.clear()

@@ -125,7 +125,7 @@ def over_udp(lab: Lab, tmp_path: Path) -> Iterator[Callable[..., Flight]]:
 
     def make(**settings: Any) -> Flight:
         marks = {name: f"?id={uri[-2:]}" for name, uri in URIS.items()}
-        servers.append(Server(lab, tmp_path, PLACES, marks=marks, **settings))
+        servers.append(Server(lab, tmp_path, PLACES, marks=marks, rate=50, **settings))
         return Flight(lab, tmp_path, lambda: servers[-1].running)
 
     yield make

@@ -106,13 +106,14 @@ class SharedDongle:
         self._random, self._address = random.Random(devid), 0
 
     def send_packet(self, data: Sequence[int]) -> Any:
+        raw = bytes(data)
         time.sleep(self._random.uniform(0.002, 0.008))
         type(self).packets += 1
-        raw = bytes(data)
         if raw[0] & 0xF3 == 0x30:
             entry = round(struct.unpack("<f", raw[1:5])[0]), self.packets
             self.delivered.setdefault(self._address, []).append(entry)
-        return SimpleNamespace(ack=True, data=b"\xfc\0", retry=0, powerDet=False)
+        answer = raw if raw == b"\xff\5\1" else b"\xfc\0"  # it numbers packets
+        return SimpleNamespace(ack=True, data=answer, retry=0, powerDet=False)
 
     def set_address(self, address: Sequence[int]) -> None:
         self._address = int(address[-1])
@@ -123,12 +124,18 @@ class SharedDongle:
     def close(self) -> None: ...
 
 
-def test_set_points_do_not_wait_for_more_than_their_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_transmission_carries_the_newest_set_point_of_when_it_begins(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(radiodriver, "Crazyradio", SharedDongle)
     monkeypatch.setattr(radiodriver.RadioManager, "_radios", [])
     SharedDongle.packets, SharedDongle.delivered = 0, {}
     cflib_link.initialise()
-    drones, issued = range(1, 5), {}
+    drones, issued, opened = range(1, 5), {}, []
+    open_link = cflib_link._Crazyflie.open_link
+    monkeypatch.setattr(
+        cflib_link._Crazyflie, "open_link", lambda cf, uri: (open_link(cf, uri), opened.append(cf.link))
+    )
     queue: PacketQueue[tuple[str, Stream], Any] = PacketQueue(len(drones), period=0.01, gap=0.001)
     links = [
         cflib_link.Link(
@@ -143,9 +150,9 @@ def test_set_points_do_not_wait_for_more_than_their_turn(monkeypatch: pytest.Mon
     for link in links:
         link.start()
     for number in itertools.count(1):
-        issued[number] = SharedDongle.packets
         for link in links:
             link.command(WireSetpoint(float(number), 0.0, 0.0, 0.0))
+        issued[number] = SharedDongle.packets
         time.sleep(0.01)
         if min(len(SharedDongle.delivered.get(address, ())) for address in drones) >= 20:
             break
@@ -153,10 +160,12 @@ def test_set_points_do_not_wait_for_more_than_their_turn(monkeypatch: pytest.Mon
     for link in links:
         link.stop_motors()
         link.leave()
-    # one round until its turn, one in the dongle's queue, and one if the turn was needed for something else
     for entries in SharedDongle.delivered.values():
-        assert max(packets - issued[number] for number, packets in entries) <= 3 * len(drones) + 1
+        # packet p begins when p - 1 are through: by then no newer set-point had been given
+        assert all(issued.get(number + 1, math.inf) >= packets - 1 for number, packets in entries)
         assert [number for number, _ in entries] == sorted(number for number, _ in entries)
+    # the driver repeats requests until they are confirmed: others would take the turns of set-points
+    assert not any(driver.needs_resending for driver in opened)
     for link in links:
         link._thread.join(5.0)
         assert not link.alive
