@@ -93,16 +93,12 @@ class Estimator:
         """
         newest = float(self.newest[index])
         self._screen.note_age(index, stamp, now)
-        commanded = speed = 0.0
-        if self._airborne[index]:
-            commanded, speed = math.hypot(*self._commands[-1][2][index]), math.hypot(*self._filters[index].mean[3:6])
-        fault = self._screen.refuse(index, stamp, position, quaternion, now, newest, commanded, speed)
-        amount = stamp - now
-        if fault is None:
-            amount = math.dist(position, self._filters[index].mean[:3])
-            fault = self._filter(index, newest, stamp, position, now)
+        airborne, mean = self._airborne[index], self._filters[index].mean
+        commanded = self._commands[-1][2][index] if airborne else self._lifting(index)
+        refused = self._screen.refuse(index, stamp, position, quaternion, now, newest, commanded, mean, airborne)
+        fault, values = refused or (self._filter(index, newest, stamp, position, now), ())
         if fault is not None:
-            self._screen.complain(index, fault, now, amount)
+            self._screen.complain(index, fault, now, *(values or (math.dist(position, mean[:3]),)))
             self.rejected[index] += 1
             return False
         self.newest[index], self.measured[index] = stamp, position
@@ -181,6 +177,11 @@ class Estimator:
         """
         settled = np.array([f.c11 <= _SETTLED_VELOCITY**2 for f in self._filters])
         return np.asarray((now - self.newest <= timeout) & settled)
+
+    def _lifting(self, index: int) -> Sequence[float]:
+        """Return what is commanded of a drone that is not steered in the air, (3,) m/s^2: to lift off, if anything."""
+        upward = 0.0 if self._aloft[index] or not self._commands else self._commands[-1][2][index][2]
+        return 0.0, 0.0, max(upward, 0.0)
 
     def _filter(self, index: int, newest: float, stamp: float, position: Sequence[float], now: float) -> Fault | None:
         """Predict drone index to stamp and correct by position; return why it was not taken."""

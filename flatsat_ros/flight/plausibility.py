@@ -11,6 +11,8 @@ from enum import Enum
 
 import numpy as np
 
+from flatsat_ros.flight.stillness import REPEATED, Stillness
+
 # a stamp may be ahead of the arrival by this much, s: clocks of two machines differ a little
 _AHEAD = 0.1
 # stamps this far behind the arrival, s, are of another clock, or come too late to be flown on; those with the second
@@ -19,9 +21,7 @@ _BEHIND = 0.5
 _LATE, _LATE_FOR = 0.15, 0.5
 # sum of coordinates, m, beyond which a position is a fault
 _FARTHEST = 1e4
-# a position that repeats exactly for so long, s, while so much, m/s^2, is commanded, is an old one
-_REPEATED = ((0.15, 0.05), (0.6, 1e-3))
-# one that moves faster than this, m/s, is never twice in the same place
+# a drone that moves faster than this, m/s, is never twice in the same place
 _MOVES = 0.05
 # an orientation in the air that has turned about the vertical by this, rad, and this rate, rad/s, and in any time by
 # the third angle, rad, is not of this body any more: markers are taken for one another
@@ -40,6 +40,7 @@ class Fault(Enum):
     AHEAD = "pose stamps {0:.2f} s ahead of the clock: set the clocks alike"
     LOST = "poses of all zeros: motion capture has lost the drone"
     REPEATED = "the same pose again and again in flight: motion capture has lost the drone"
+    STILL = "poses whose {0} has stood still for {1:.2f} s, at most {2:g} s while others live: motion capture lost it"
     EXCHANGED = "poses that fit another drone: the two may be exchanged"
     JUMP = "poses that jump by {0:.2f} m"
     FAR = "poses that jump by {0:.2f} m in flight, more than any motion: not flown to"
@@ -52,6 +53,7 @@ class PoseScreen:
         self._last: list[tuple[float, ...]] = [()] * count  # position of the newest pose
         self._since = np.full(count, np.inf)  # s, stamp from which on it repeats
         self._old = np.zeros(count, dtype=bool)  # it is an old one until another one comes
+        self._stillness = Stillness(count)
         self._late_since = [math.inf] * count  # s, since when all poses have come late
         self._told: dict[tuple[int, str], float] = {}  # s, when an event was seen last
         self._complaints: list[tuple[int, str]] = []
@@ -64,10 +66,11 @@ class PoseScreen:
         quaternion: Sequence[float],
         now: float,
         newest: float,
-        commanded: float,
-        speed: float,
-    ) -> Fault | None:
-        """Return why a pose of drone index cannot be true, None if it can.
+        acceleration: Sequence[float],
+        estimate: Sequence[float],
+        airborne: bool,
+    ) -> tuple[Fault, tuple[float | str, ...]] | None:
+        """Return why a pose of drone index cannot be true, with what its text needs; None if it can.
 
         Args:
             index: which drone.
@@ -76,32 +79,38 @@ class PoseScreen:
             quaternion: (4,) x, y, z, w.
             now: time of its arrival, s.
             newest: stamp of the newest pose taken in, s.
-            commanded: size of the acceleration that is commanded in the air, m/s^2.
-            speed: estimated in the air, m/s.
+            acceleration: (3,) commanded where nothing keeps the drone from moving, m/s^2.
+            estimate: (9,) of its position, velocity and disturbance, m, m/s, m/s^2.
+            airborne: it is steered in the air.
         """
         x, y, z = position
         if not abs(x) + abs(y) + abs(z) <= _FARTHEST or not math.isfinite(stamp):
-            return Fault.NOT_FINITE
+            return Fault.NOT_FINITE, ()
         if stamp > now + _AHEAD:
-            return Fault.AHEAD
+            return Fault.AHEAD, (stamp - now,)
         if stamp <= newest:
-            return Fault.OLD
+            return Fault.OLD, ()
         if not any(position) and not any(quaternion):
-            return Fault.LOST
+            return Fault.LOST, ()
         place = (x, y, z)
+        still = self._stillness.look(index, stamp, place, acceleration, estimate, airborne)
+        if still is not None and still.limit:
+            return Fault.STILL, ("xyz"[still.axis], still.lasted, still.limit)
         if place != self._last[index]:
             self._last[index], self._since[index], self._old[index] = place, stamp, False
-            return None
-        lasted = stamp - self._since[index]
-        self._old[index] |= any(lasted >= time and commanded >= least for time, least in _REPEATED)
+            return None if still is None else (Fault.OLD, ())
+        if not airborne:
+            return (Fault.REPEATED, ()) if self._old[index] else None
+        lasted, commanded = stamp - self._since[index], math.hypot(*acceleration)
+        self._old[index] |= any(lasted >= time and commanded >= least for time, least in REPEATED)
         if self._old[index]:
-            return Fault.REPEATED
-        return Fault.OLD if speed > _MOVES else None
+            return Fault.REPEATED, ()
+        return (Fault.OLD, ()) if math.hypot(*estimate[3:6]) > _MOVES else None
 
-    def complain(self, index: int, fault: Fault, now: float, amount: float = 0.0) -> None:
-        """Remember to tell about a refused pose, once per event."""
+    def complain(self, index: int, fault: Fault, now: float, *values: float | str) -> None:
+        """Remember to tell about a refused pose, with the values of its text, once per event."""
         if fault.value is not None:
-            self._tell(index, fault.name, fault.value.format(amount), now)
+            self._tell(index, fault.name, fault.value.format(*values), now)
 
     def note_age(self, index: int, stamp: float, now: float) -> None:
         """Remember to tell about a pose whose stamp is far behind its arrival, or about many that are behind."""

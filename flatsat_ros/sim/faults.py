@@ -235,6 +235,29 @@ def repeated() -> PoseFault:
     return changed(change)
 
 
+def frozen(axis: int, seed: int = 0, noise: float = 0.0) -> PoseFault:
+    """Report one coordinate of each drone as it was at first, or with noise of a standard deviation, m, about that."""
+    generator, kept = np.random.default_rng(seed), dict[int, float]()
+
+    def change(sample: Sample) -> Sample:
+        position = sample.position.copy()
+        position[axis] = kept.setdefault(sample.drone, float(position[axis])) + noise * generator.standard_normal()
+        return sample._replace(position=position)
+
+    return changed(change)
+
+
+def rounded(step: float) -> PoseFault:
+    """Round positions to whole steps, m."""
+    return changed(lambda sample: sample._replace(position=step * np.round(sample.position / step)))
+
+
+def mirrored(axis: int) -> PoseFault:
+    """Report one coordinate with the other sign."""
+    sign = np.where(np.arange(3) == axis, -1.0, 1.0)
+    return changed(lambda sample: sample._replace(position=sign * sample.position))
+
+
 def exchanged(first: int, second: int) -> PoseFault:
     """Report each of two drones under the other's name."""
     other = {first: second, second: first}

@@ -157,6 +157,26 @@ def test_the_last_pose_is_repeated_with_fresh_stamps() -> None:
     assert all((sample.position == samples[0].position).all() for sample in arrived)
 
 
+@given(axis=st.integers(0, 2), place=st.tuples(*[st.floats(-9.0, 9.0)] * 3))
+def test_one_coordinate_stands_still_or_has_the_other_sign_and_the_rest_lives(
+    axis: int, place: tuple[float, float, float]
+) -> None:
+    samples = [sample._replace(position=np.array(place) + sample.stamp) for sample in stream()]
+    positions = np.array([sample.position for sample in samples])
+    frozen, mirrored, vague = (
+        np.array([sample.position for _, sample in through(fault, samples)])
+        for fault in (faults.frozen(axis), faults.mirrored(axis), faults.frozen(axis, 1, 0.1))
+    )
+    others = [i for i in range(3) if i != axis]
+    for changed in (frozen, mirrored, vague):
+        np.testing.assert_array_equal(changed[:, others], positions[:, others])
+    np.testing.assert_array_equal(frozen[:, axis], place[axis])
+    np.testing.assert_array_equal(mirrored[:, axis], -positions[:, axis])
+    assert np.std(vague[:, axis]) == pytest.approx(0.1, rel=0.5)
+    rounded = np.array([sample.position for _, sample in through(faults.rounded(0.25), samples)])
+    np.testing.assert_array_equal(rounded, 0.25 * np.round(positions / 0.25))
+
+
 def test_exchanging_twice_changes_nothing() -> None:
     samples = stream(count=3)
     once = faults.exchanged(0, 2)(0.0, samples)

@@ -20,7 +20,28 @@ _DOWN = Bounds(End.DOWN, told=_POSE)
 _SAFE = Bounds(End.SAFE, told=_POSE)
 # a wrong sign is noticed within 0.3 m of a hover; the rest is the way to the floor
 _WRONG = Bounds(End.SAFE, told=r"pose|yaw|axis|sign|command|innovation|predict")
+# a coordinate that stands still is noticed before the drone has gone 0.3 m; without it the drone sinks level
+_STILL = Bounds(End.DOWN, distance=0.5, told=r"\b[xyz]\b has stood still")
 _NO_TAKE_OFF = Bounds(End.GROUNDED, told=r"orientation|yaw")
+
+
+def _rise(scene: Scene) -> None:
+    """Give the drone a goal a metre above."""
+    goal = scene.place[0] + (0.0, 0.0, 1.0)
+    scene.record.extend_path(0, goal)
+    scene.go_to(0, goal)
+
+
+def _still(name: str, meaning: str, *make: Callable[[Scene], PoseFault], height: float = 1.0) -> Fault:
+    """Return a fault of poses one of whose coordinates stands still, in a take-off to 1 m from before it on.
+
+    In poses that are rounded it is seen in the air only.
+    """
+    early = EARLY if height == 1.0 and len(make) == 1 else None
+    steps = tuple((0.0, poses(one)) for one in make)
+    # from 3 m it drifts for longer while it sinks
+    bounds = _STILL if height == 1.0 else replace(_STILL, distance=1.0)
+    return Fault(name, meaning, steps, bounds, height=height, since_take_off=early)
 
 
 def _lost(_: Scene) -> PoseFault:
@@ -145,6 +166,23 @@ POSE_FAULTS = (
     _lasting(
         "poses_repeated", "the last pose again and again, with fresh stamps", lambda _: faults.repeated(), _DOWN
     ),
+    _still("poses_x_frozen", "x stays as it is, y and z live", lambda _: faults.frozen(0)),
+    _still("poses_y_frozen", "y stays as it is, x and z live", lambda _: faults.frozen(1)),
+    _still("poses_z_frozen", "z stays as it is, x and y live", lambda _: faults.frozen(2)),
+    _still("poses_z_frozen_3m", "z stays as it is, 3 m above the floor", lambda _: faults.frozen(2), height=3.0),
+    _still(
+        "poses_z_frozen_mm",
+        "z stays as it is, in poses of whole millimetres",
+        lambda _: faults.frozen(2),
+        lambda _: faults.rounded(1e-3),
+    ),
+    Fault(
+        "poses_z_frozen_goal",
+        "z stays as it is, and there is a goal 1 m above",
+        ((0.0, poses(lambda _: faults.frozen(2))), (0.0, _rise)),
+        _STILL,
+    ),
+    _lasting("poses_mm", "poses of whole millimetres", lambda _: faults.rounded(1e-3), _SURVIVED),
     _lasting(
         "bodies_exchanged",
         "two drones have each other's poses",

@@ -1,0 +1,189 @@
+"""Coordinates that stand still in poses though they should not: motion capture, or the firmware, repeats them.
+
+The noise of a measurement lets no coordinate repeat exactly, unless poses are rounded coarsely. How coarsely is seen:
+no change of a coordinate is less than that. One that repeats in poses whose other coordinates live is an old one
+
+- in fine poses, if the others are noisy, or if a little motion along it is commanded;
+- in all poses, if what was commanded since, beyond what balanced it then, and the speed that it had should have moved
+  it by more than the poses are rounded.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+# poses whose coordinates change by less than this now and then, m, are fine
+_FINE = 5e-5
+# a coordinate of fine poses, or a whole position, that repeats for so long, s, while so much, m/s^2, is commanded, is
+# an old one; a coordinate in so many poses at least
+REPEATED = ((0.15, 0.05), (0.6, 1e-3))
+_POSES = 3
+# the others are noisy if they turn back so often, by more than this, m
+_TURNS, _NOISE = 12, 1e-5
+# One that should have moved by so much, m, so many of the least changes, and so fast, m/s, is no longer taken in. It
+# is an old one from the second distance and the first time, s, on, or from the second time on.
+_DUPLICATE = 1e-3, 10.0
+_MOVES = 0.05
+_STANDS = 0.03, 40.0
+_LASTED = 0.15, 0.6
+# poses farther apart than this, s, say nothing of what was between them
+_GAP = 0.5
+
+
+class Still(NamedTuple):
+    """A coordinate that repeats though it should not.
+
+    Attributes:
+        axis: which.
+        lasted: for how long, s.
+        limit: how long it may, s; 0 if it need not be an old one yet.
+    """
+
+    axis: int
+    lasted: float
+    limit: float
+
+
+@dataclass(slots=True)
+class _Repeat:
+    """A coordinate that repeats.
+
+    Attributes:
+        since: stamp from which on, s.
+        velocity: along it then, m/s.
+        balance: acceleration commanded then, m/s^2.
+        poses: number of repetitions.
+        turns: how often another one turned back meanwhile.
+        speed: change of velocity that was commanded since beyond the balance, m/s.
+        way: that velocity and this change have led so far since, m.
+        duplicate: it is not taken in until it changes.
+        limit: see `Still`.
+    """
+
+    since: float
+    velocity: float
+    balance: float
+    poses: int = 0
+    turns: int = 0
+    speed: float = 0.0
+    way: float = 0.0
+    duplicate: bool = False
+    limit: float = 0.0
+
+
+class Stillness:
+    """The coordinates of N drones, as poses show them one after the other."""
+
+    def __init__(self, count: int) -> None:
+        """Begin before the first poses."""
+        self._last: list[tuple[float, tuple[float, float, float]] | None] = [None] * count  # stamp, position
+        self._changes = [(0.0, 0.0, 0.0)] * count  # at the last pose one of whose coordinates repeated, m
+        self._repeats: list[dict[int, _Repeat]] = [{} for _ in range(count)]  # by axis
+        self._finest = [1.0] * count  # least change of a coordinate so far, m
+
+    def look(
+        self,
+        index: int,
+        stamp: float,
+        place: tuple[float, float, float],
+        acceleration: Sequence[float],
+        estimate: Sequence[float],
+        airborne: bool,
+    ) -> Still | None:
+        """Look at a pose; return which coordinate repeats though it should not, None for none.
+
+        Args:
+            index: whose.
+            stamp: s.
+            place: (3,) m.
+            acceleration: (3,) commanded, m/s^2.
+            estimate: (9,) of position, velocity and disturbance, m, m/s, m/s^2.
+            airborne: it is steered in the air, where nothing keeps it from moving.
+        """
+        last, self._last[index] = self._last[index], (stamp, place)
+        if last is None:
+            return None
+        before, (x, y, z) = last
+        change = place[2] - z
+        if change and place[0] != x and place[1] != y:
+            if abs(change) < self._finest[index]:
+                self._finest[index] = abs(change)
+            if self._repeats[index]:
+                self._repeats[index].clear()
+            return None
+        changes = place[0] - x, place[1] - y, change
+        self._finest[index] = min([self._finest[index], *(abs(size) for size in changes if size)])
+        still = self._repeated(index, stamp, before, changes, acceleration, estimate, airborne)
+        self._changes[index] = changes
+        return still
+
+    def _repeated(
+        self,
+        index: int,
+        stamp: float,
+        before: float,
+        changes: tuple[float, float, float],
+        acceleration: Sequence[float],
+        estimate: Sequence[float],
+        airborne: bool,
+    ) -> Still | None:
+        """Go on with a pose some of whose coordinates repeat.
+
+        Args:
+            index: whose.
+            stamp: s.
+            before: stamp of the pose before, s.
+            changes: (3,) since that, m.
+            acceleration: (3,) commanded, m/s^2.
+            estimate: see `look`.
+            airborne: see `look`.
+        """
+        repeats, elapsed, worst = self._repeats[index], stamp - before, None
+        if elapsed > _GAP:
+            repeats.clear()
+        turns = sum(
+            new * old < 0.0 and abs(new) > _NOISE for new, old in zip(changes, self._changes[index], strict=True)
+        )
+        for axis, change in enumerate(changes):
+            if change:
+                repeats.pop(axis, None)
+                continue
+            one = repeats.setdefault(axis, _Repeat(before, estimate[3 + axis], acceleration[axis]))
+            one.speed += (acceleration[axis] - one.balance) * elapsed
+            one.way += (one.velocity + one.speed) * elapsed
+            lives = any(changes)  # what repeats as a whole is another matter
+            if lives:
+                one.poses, one.turns = one.poses + 1, one.turns + turns
+                least = max(self._counts(index, _DUPLICATE), _MOVES * (stamp - one.since))
+                one.duplicate |= airborne and abs(one.way) > least
+            if lives and not one.limit and one.poses >= _POSES:
+                one.limit = self._limit(index, one, stamp - one.since, abs(acceleration[axis]))
+            if one.limit or (one.duplicate and lives and worst is None):
+                worst = Still(axis, stamp - one.since, one.limit)
+        return worst
+
+    def _counts(self, index: int, least: tuple[float, float]) -> float:
+        """Return which way counts, m: the first entry, or the second one times the least change."""
+        return max(least[0], least[1] * self._finest[index])
+
+    def _limit(self, index: int, one: _Repeat, lasted: float, commanded: float) -> float:
+        """Return how long, s, the coordinate of drone index may repeat that has repeated for so long, s; 0 if longer.
+
+        Args:
+            index: whose.
+            one: the coordinate.
+            lasted: s.
+            commanded: size of the acceleration along it, m/s^2.
+        """
+        soon, late = _LASTED
+        fine = self._finest[index] <= _FINE
+        limits = [time for time, least in REPEATED if fine and commanded >= least]
+        if fine and one.turns >= _TURNS:
+            limits.append(soon)
+        if one.duplicate:
+            limits.append(soon if abs(one.way) > self._counts(index, _STANDS) else late)
+        limit = min(limits, default=math.inf)
+        return limit if lasted >= limit else 0.0

@@ -1,0 +1,99 @@
+"""Coordinates that repeat: which are taken for old ones, and which are not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from flatsat_ros.flight.stillness import Stillness
+
+PERIOD = 0.01
+AXES = st.integers(0, 2)
+
+
+def first_still(
+    places: np.ndarray,
+    *,
+    acceleration: Sequence[float] = (0.0, 0.0, 0.0),
+    velocity: Sequence[float] = (0.0, 0.0, 0.0),
+    period: float = PERIOD,
+    begin: int = 0,
+    airborne: bool = True,
+) -> tuple[float, int]:
+    """Since when, s, and of which axis, a coordinate of places (K, 3), m, is an old one; infinite and -1 for never.
+
+    The drone rests until it begins, at the place of that number, to fly with a velocity.
+    """
+    stillness = Stillness(1)
+    for number, place in enumerate(places.tolist()):
+        estimate = [0.0, 0.0, 0.0, *(np.array(velocity) * (number >= begin)), 0.0, 0.0, 0.0]
+        found = stillness.look(0, number * period, tuple(place), acceleration, estimate, airborne)
+        if found is not None and found.limit:
+            assert found.lasted >= found.limit
+            return number * period, found.axis
+    return math.inf, -1
+
+
+def noisy(count: int, deviation: float, seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).normal(0.0, deviation, (count, 3))
+
+
+@given(axis=AXES, deviation=st.floats(5e-5, 2e-3), seed=st.integers(0, 999), airborne=st.booleans())
+@settings(max_examples=25)
+def test_a_coordinate_without_noise_beside_noisy_ones_is_an_old_one_even_at_rest(
+    axis: int, deviation: float, seed: int, airborne: bool
+) -> None:
+    places = noisy(400, deviation, seed)
+    places[200:, axis] = places[200, axis]
+    since, found = first_still(places, airborne=airborne)
+    assert (2.0 + 0.14 < since < 2.4, found) == (True, axis)
+
+
+@given(deviation=st.floats(1e-6, 5e-3), seed=st.integers(0, 999), step=st.sampled_from([0.0, 1e-4, 1e-3]))
+@settings(max_examples=25)
+def test_noisy_coordinates_are_never_rounded_or_not(deviation: float, seed: int, step: float) -> None:
+    places = noisy(400, deviation, seed)
+    if step:
+        places = step * np.round(places / step)
+    assert first_still(places, acceleration=(0.3, 0.2, -0.1), velocity=(0.01, 0.0, 0.01)) == (math.inf, -1)
+
+
+@given(axis=AXES, commanded=st.floats(-5.0, 5.0))
+@settings(max_examples=25)
+def test_a_coordinate_of_a_smooth_flight_that_stands_still_is_an_old_one_if_it_is_told_to_move(
+    axis: int, commanded: float
+) -> None:
+    times = PERIOD * np.arange(100)[:, np.newaxis]
+    places = times**3 * [1.0, 2.0, 3.0]  # from rest
+    places[:, axis] = 1.0
+    acceleration = np.where(np.arange(3) == axis, commanded, 0.0).tolist()
+    since, found = first_still(places, acceleration=acceleration)
+    size = abs(commanded)
+    limit = 0.15 if size >= 0.05 else 0.6 if size >= 1e-3 else math.inf
+    assert since == pytest.approx(limit, abs=2.0 * PERIOD)
+    assert found == (axis if math.isfinite(limit) else -1)
+
+
+@given(axis=AXES, speed=st.floats(0.4, 2.0), sign=st.sampled_from([-1.0, 1.0]), period=st.sampled_from([0.01, 0.02]))
+@settings(max_examples=15)
+def test_in_poses_of_whole_millimetres_a_moving_coordinate_does_not_stand_still(
+    axis: int, speed: float, sign: float, period: float
+) -> None:
+    way = sign * speed * period * np.maximum(np.arange(200) - 100, 0)[:, np.newaxis]
+    whole = 1e-3 * np.round((way + noisy(200, 5e-4, 1)) / 1e-3)
+    flight = {"velocity": [sign * speed] * 3, "period": period, "begin": 110}
+    assert first_still(whole, **flight)[1] == -1
+    whole[110:, axis] = whole[110, axis]
+    since, found = first_still(whole, **flight)
+    assert (since < 110 * period + 0.3, found) == (True, axis)
+
+
+def test_a_whole_position_that_repeats_and_what_is_not_commanded_are_other_matters() -> None:
+    assert first_still(np.ones((200, 3)), acceleration=(1.0, 1.0, 1.0)) == (math.inf, -1)
+    along_x = np.outer(np.arange(200.0), [1e-2, 0.0, 0.0])
+    assert first_still(along_x, acceleration=(1.0, 0.0, 0.0), velocity=(1.0, 0.0, 0.0)) == (math.inf, -1)
