@@ -70,7 +70,7 @@ test-browser: build .venv/.browser  ## the pages as a person uses them; needs De
 	$(BIN)/python -m pip install --disable-pip-version-check --requirement $<
 	touch $@
 
-test-crazyswarm2: build .venv-crazyswarm2/.done  ## crazyswarm2's scripts, SOURCE=CHECKOUT of it; PACKAGES="more interfaces to build"
+test-crazyswarm2: build .venv-crazyswarm2/.done  ## flights with crazyswarm2 itself, SOURCE=CHECKOUT of it; PACKAGES="more interfaces to build"
 	$(SOURCED) $(BIN)/python test/crazyswarm2.py --python .venv-crazyswarm2/bin/python --source "$(SOURCE)" $(PACKAGES:%=--package %) $(ARGS)
 
 .venv-crazyswarm2/.done: requirements/crazyswarm2.txt

@@ -9,7 +9,7 @@ import pytest
 
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.certificate import Certificate, load_certificate
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.crazyflie.wire import WireSetpoint, YawMode
 from flatsat_ros.flight.modes import Mode
@@ -19,6 +19,8 @@ from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.closed_loop import fly
+from flatsat_ros.sim.dynamics import Wind
+from flatsat_ros.sim.faults import FaultyLink, pitch_negated
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.sensor import MotionCapture, Sample
 
@@ -312,3 +314,48 @@ def test_a_brushless_drone_with_poses_at_10_hz_takes_off_once_it_is_armed_but_no
     assert (flight.height > 0.3) == flies
     assert flight.modes[-1] is (Mode.FLY if flies else Mode.FALLEN)
     assert flight.thrusts[-1] > 0.0 or not flies
+
+
+def test_after_an_emergency_and_a_power_cycle_nothing_starts_unasked() -> None:
+    flight = Flight()
+    flight.pilot.take_off(0, 0.5)
+    flight.let_pass(4.0)
+    flight.fleet.firmware.request_emergency(0)
+    flight.let_pass(3.0)
+    flight.fleet.reboot(0)
+    flight.let_pass(1.0)
+    sent = len(flight.thrusts)
+    flight.fleet.command(0, 0.0, 0.0, 0.0, 0.0)  # crazyswarm2's Python server sends one when it starts: it unlocks
+    flight.let_pass(5.0)
+    assert not any(flight.thrusts[sent:])
+    assert flight.height == 0.0
+    with pytest.raises(FlatsatError, match="arm it again"):
+        flight.pilot.take_off(0, 0.5)
+    flight.pilot.arm(0, True)
+    flight.let_pass(0.2)
+    flight.pilot.take_off(0, 0.5)
+    flight.let_pass(5.0)
+    assert flight.height > 0.3
+
+
+def test_a_pitch_of_the_other_back_ends_sign_is_noticed_in_a_hover_within_0_3_m_and_lands() -> None:
+    flight = Flight()
+    certificate = load_certificate("cf21_50hz")
+    # as the controller flies by default
+    policy = Policy(disturbance_max=0.8, thrust_error_max=0.25)
+    flight.pilot = Pilot(certificate, Tuning(2.0, 0.05, 1.0, certificate.gain_max), policy, 1)
+    fleet = SimulatedFleet(VEHICLE, 1, wind=Wind(gust=0.05), capture=MotionCapture(noise=5e-4))
+    link = FaultyLink(fleet)
+    link.commands.append(pitch_negated(0))
+    flight.fleet, flight.now = link, 0.0  # type: ignore[assignment]
+    flight.let_pass(1.0)
+    flight.pilot.take_off(0, 0.5)
+    for _ in range(100):
+        flight.let_pass(0.1)
+        if flight.modes[-1] is Mode.DESCEND:
+            break
+    assert flight.modes[-1] is Mode.DESCEND
+    assert np.linalg.norm(fleet.bodies.position[0, :2]) < 0.3
+    flight.let_pass(4.0)
+    assert fleet.bodies.grounded[0]
+    assert flight.thrusts[-1] == 0.0
