@@ -36,7 +36,7 @@ def _parser() -> shell.Parser:
     )
     parser.add_argument(
         "file", nargs="?", type=shell.path, metavar="FILE",
-        help="way-points: .csv with columns x,y,z[,yaw][,t] for one drone, .yaml for many, .json for missions",
+        help="way-points: .csv with columns x,y,z[,yaw][,t][,radius] for one drone, .yaml for many, .json for missions",
     )  # fmt: skip
     parser.add_argument("--output", type=shell.path, metavar="FILE", help="plan to write; without it none is written")
     parser.add_argument(

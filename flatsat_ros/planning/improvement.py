@@ -62,13 +62,13 @@ def rounds(mission: Mission, late: Callable[[], bool]) -> Iterator[Round]:
 def _alone(mission: Mission) -> Round:
     """Return the shortest reference of one drone, as smooth as that duration allows."""
     (drone,) = mission.drones
-    found = shortest_legs(drone.waypoints, mission.limits, mission.bounds)
+    found = shortest_legs(drone, mission.limits, mission.bounds)
     if found is None:
         raise _no_way(drone.name, mission)
     legs, bound = found
     for factor in _RELAXED:
         shapes = shapes_of(factor * legs)
-        points = smoothest(shapes, drone.waypoints, float(shapes.lengths.sum()) / 1e6, mission.limits, mission.bounds)
+        points = smoothest(shapes, drone, float(shapes.lengths.sum()) / 1e6, mission.limits, mission.bounds)
         if points is not None:
             curves = (_curve(shapes, points, 1),)
             if _broken(mission, curves) is None:
@@ -83,7 +83,7 @@ def _timed(mission: Mission, late: Callable[[], bool]) -> Round:
     shapes = shapes_of(legs, _LEG) if len(mission.drones) > 1 or mission.obstacles else shapes_of(legs)
     duration = float(shapes.lengths.sum()) / 1e6
     for drone in mission.drones:
-        alone = shortest(shapes, drone.waypoints, mission.limits, mission.bounds)
+        alone = shortest(shapes, drone, mission.limits, mission.bounds)
         if alone is None:
             raise _no_way(drone.name, mission)
         if alone[1] > duration:
@@ -94,7 +94,7 @@ def _timed(mission: Mission, late: Callable[[], bool]) -> Round:
                 f"reference through them breaks {_broken(mission, smooth) or 'nothing, but there is a better one'}"
             )
     if len(mission.drones) == 1 and not mission.obstacles:
-        points = smoothest(shapes, mission.drones[0].waypoints, duration, mission.limits, mission.bounds)
+        points = smoothest(shapes, mission.drones[0], duration, mission.limits, mission.bounds)
         curves = None if points is None else (_curve(shapes, points, 1),)
         broken = "the solver finds none" if curves is None else _broken(mission, curves)
         if curves is not None and broken is None:
@@ -158,7 +158,7 @@ def bound_of(mission: Mission) -> float:
     """
     if len(mission.drones) > 1 or mission.obstacles:
         return _bound(mission, _shapes(mission))
-    found = shortest_legs(mission.drones[0].waypoints, mission.limits, mission.bounds)
+    found = shortest_legs(mission.drones[0], mission.limits, mission.bounds)
     if found is None:
         raise _no_way(mission.drones[0].name, mission)
     return found[1]
@@ -252,7 +252,7 @@ def _bound(mission: Mission, shapes: Shapes) -> float:
     longest = 0.0
     for number in np.argsort(-_ways(mission).max(axis=1), kind="stable")[:_SLOWEST].tolist():
         drone = mission.drones[number]
-        found = shortest(shapes, drone.waypoints, mission.limits, mission.bounds)
+        found = shortest(shapes, drone, mission.limits, mission.bounds)
         if found is None:
             raise _no_way(drone.name, mission)
         longest = max(longest, found[1])

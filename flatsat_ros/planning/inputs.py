@@ -29,7 +29,7 @@ _AROUND = 0.5  # m: the box around way-points, where none is given
 _BODY = 0.15  # m, radius, where none is given
 _TUBE = 0.05  # m, radius, where none is given or proved
 _DOWNWASH = 2.0
-_COLUMNS = ("x", "y", "z", "yaw", "t")
+_COLUMNS = ("x", "y", "z", "yaw", "t", "radius")
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def _from_csv(path: str | os.PathLike[str]) -> _Content:
     except csv.Error as error:  # line ends or NULs inside of fields, fields without an end
         raise unreadable(path, error) from error
     names = [cell.strip() for cell in rows[0]] if rows else []
-    valid = "x,y,z, then yaw and t where they are known"
+    valid = "x,y,z, then yaw, t and radius where they are known"
     if names[:3] != ["x", "y", "z"] or len(set(names)) < len(names) or not set(names) <= set(_COLUMNS):
         raise refusal("first line", ",".join(names), "", f"the names of the columns: {valid}")
     body = [row for row in rows[1:] if row]
@@ -141,7 +141,7 @@ def _from_csv(path: str | os.PathLike[str]) -> _Content:
     if np.ptp(yaw) > 0.0:
         raise refusal("yaw", sorted(set(yaw.tolist())), "rad", "the same in all lines: a reference holds one yaw")
     times = table.get("t")
-    drone = Asked("cf1", np.stack([table[axis] for axis in "xyz"], axis=1), _BODY, float(yaw[0]))
+    drone = Asked("cf1", np.stack([table[axis] for axis in "xyz"], axis=1), _BODY, float(yaw[0]), table.get("radius"))
     return _Content((drone,), None if times is None else times - times[0])
 
 

@@ -27,18 +27,32 @@ class Asked:
         waypoints: (W, 3) m, world frame, W >= 2; the drone rests at the first and at the last.
         body: radius, m, in the downwash metric.
         yaw: held, rad.
+        radii: (W,) m, within which the way-points are passed; None for all exactly. Start and goal always are.
     """
 
     name: str
     waypoints: FloatArray
     body: float = 0.15
     yaw: float = 0.0
+    radii: FloatArray | None = None
 
     def __post_init__(self) -> None:
         waypoints = finite_array(f"way-points of {self.name}", self.waypoints, 3)
         if waypoints.ndim != 2 or len(waypoints) < 2:
             raise refusal(f"shape of the way-points of {self.name}", waypoints.shape, "", "(W, 3) with W >= 2")
         object.__setattr__(self, "waypoints", np.round(waypoints, 9))  # nanometres, as in a plan
+        if self.radii is not None:
+            radii = finite_array(f"radii of {self.name}", self.radii)
+            require(radii.shape == (len(waypoints),), "number of radii", radii.shape, "", "one for each way-point")
+            require(float(radii.min()) >= 0.0, f"smallest radius of {self.name}", float(radii.min()), "m", "at least 0")
+            ends = [float(radii[0]), float(radii[-1])]
+            require(ends == [0.0, 0.0], f"radii of start and goal of {self.name}", ends, "m", "0: both are met exactly")
+            object.__setattr__(self, "radii", np.round(radii, 9))
+
+    @property
+    def allowed(self) -> FloatArray:
+        """(W,) m, within which the way-points are passed; 0 for exactly."""
+        return np.zeros(len(self.waypoints)) if self.radii is None else self.radii
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +105,8 @@ class Mission:
             require(rising, "times of way-points", times.tolist(), "s", f"increasing from 0 to at most {_DURATION:g} s")
         for drone in self.drones:
             self._require_possible(drone)
+            if drone.radii is not None and (len(self.drones) > 1 or self.obstacles):
+                raise FlatsatError(f"radii of {drone.name}: must not be there beside other drones or obstacles")
         require_distinct(self.obstacles)
         self._require_apart()
         self._require_outside()

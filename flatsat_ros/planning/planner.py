@@ -66,8 +66,8 @@ def _finished(mission: Mission, found: Round) -> Plan:
         PlannedDrone(
             drone.name, curve, drone.body, mission.tube, drone.yaw,
             tuple(
-                Waypoint(knot, *(round(1e9 * value) for value in place))
-                for knot, place in zip(passed, drone.waypoints.tolist(), strict=True)
+                Waypoint(knot, *(round(1e9 * value) for value in (*place, radius)))
+                for knot, place, radius in zip(passed, drone.waypoints.tolist(), drone.allowed.tolist(), strict=True)
             ),
         )
         for drone, curve in zip(mission.drones, found.curves, strict=True)

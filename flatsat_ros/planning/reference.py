@@ -7,10 +7,11 @@ from scipy import sparse
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.law.input_set import InputSet
+from flatsat_ros.planning.mission import Asked
 from flatsat_ros.planning.program import FOURTH, UNKNOWNS, Derivatives, Program, Retimed, keep_limits
 from flatsat_ros.planning.shapes import Shapes
 from flatsat_ros.plans.bounds import Bounds
-from flatsat_ros.plans.curve import ORDER
+from flatsat_ros.plans.curve import AT_REST, ORDER
 
 _SPANS, _LEG = 24, 3  # of a reference; of each leg at least
 
@@ -19,9 +20,7 @@ _ENOUGH = 2e-4  # of the duration: less is not worth another step
 _SMALLEST = 1e-3  # of the radius in which the limits are trusted to be linear in the legs
 
 
-def shortest(
-    shapes: Shapes, waypoints: FloatArray, limits: InputSet, bounds: Bounds
-) -> tuple[FloatArray, float] | None:
+def shortest(shapes: Shapes, drone: Asked, limits: InputSet, bounds: Bounds) -> tuple[FloatArray, float] | None:
     """Return control points (n, 3) and the least duration, s, with the knots in the proportions of the shapes.
 
     It is the best there is in this spline space (up to the reserve for rounding), for the program is convex. None if
@@ -29,15 +28,15 @@ def shortest(
 
     Args:
         shapes: knots, and where the way-points are passed.
-        waypoints: (W, 3) m.
+        drone: whose way-points are passed.
         limits: the input set.
         bounds: of the reference.
     """
-    scale = _guess(waypoints, bounds)
+    scale = _guess(drone.waypoints, bounds)
     derivatives = Derivatives(shapes.knots * scale)
     program = Program(derivatives.size)
     keep_limits(program, derivatives, limits, bounds)
-    _pass(program, shapes, waypoints)
+    _pass(program, derivatives, shapes, drone)
     linear = np.zeros(derivatives.size)
     linear[FOURTH] = 1.0
     solution = program.minimised(linear)
@@ -46,14 +45,12 @@ def shortest(
     return derivatives.points(solution), scale * float(solution[FOURTH]) ** 0.25
 
 
-def smoothest(
-    shapes: Shapes, waypoints: FloatArray, duration: float, limits: InputSet, bounds: Bounds
-) -> FloatArray | None:
+def smoothest(shapes: Shapes, drone: Asked, duration: float, limits: InputSet, bounds: Bounds) -> FloatArray | None:
     """Return the control points (n, 3) of least jerk for a duration, s; None if the limits leave none."""
     derivatives = Derivatives(shapes.knots * duration)
     program = Program(derivatives.size)
     keep_limits(program, derivatives, limits, bounds)
-    _pass(program, shapes, waypoints)
+    _pass(program, derivatives, shapes, drone)
     program.vanish(derivatives.power(4, 1.0, 1, -1.0))
     form = shapes.jerk / np.abs(shapes.jerk).max()
     quadratic = sparse.triu(sparse.block_diag([form] * 3 + [sparse.csc_matrix((UNKNOWNS, UNKNOWNS))]), format="csc")
@@ -61,27 +58,27 @@ def smoothest(
     return None if solution is None else derivatives.points(solution)
 
 
-def shortest_legs(waypoints: FloatArray, limits: InputSet, bounds: Bounds) -> tuple[FloatArray, float] | None:
+def shortest_legs(drone: Asked, limits: InputSet, bounds: Bounds) -> tuple[FloatArray, float] | None:
     """Return the durations (W - 1,) of the legs for which the whole is shortest, s, and that duration.
 
     The limits are linearised in the legs' durations as well; what comes out is solved again with its proportions, so
     that every accepted step is a reference that keeps the limits.
 
     Args:
-        waypoints: (W, 3) m.
+        drone: whose way-points are passed.
         limits: the input set.
         bounds: of the reference.
     """
-    legs = np.sqrt(np.linalg.norm(np.diff(waypoints, axis=0), axis=1) + 0.1)
-    found = _solved(legs, waypoints, limits, bounds)
+    legs = np.sqrt(np.linalg.norm(np.diff(drone.waypoints, axis=0), axis=1) + 0.1)
+    found = _solved(legs, drone, limits, bounds)
     if found is None or len(legs) == 1:
         return None if found is None else (legs * (found[1] / legs.sum()), found[1])
     points, best = found
     legs *= best / legs.sum()
     radius = 0.25
     for _ in range(_STEPS):
-        step = _linear_step(legs, points, waypoints, radius, limits, bounds)
-        tried = None if step is None else _solved(step, waypoints, limits, bounds)
+        step = _linear_step(legs, points, drone, radius, limits, bounds)
+        tried = None if step is None else _solved(step, drone, limits, bounds)
         if step is None or tried is None or tried[1] >= best:
             radius /= 3.0
         else:
@@ -113,10 +110,8 @@ def spans_of(legs: int, least: int = _LEG) -> int:
     return max(least, _SPANS // legs)
 
 
-def _solved(
-    legs: FloatArray, waypoints: FloatArray, limits: InputSet, bounds: Bounds
-) -> tuple[FloatArray, float] | None:
-    return shortest(shapes_of(legs), waypoints, limits, bounds)
+def _solved(legs: FloatArray, drone: Asked, limits: InputSet, bounds: Bounds) -> tuple[FloatArray, float] | None:
+    return shortest(shapes_of(legs), drone, limits, bounds)
 
 
 def _guess(waypoints: FloatArray, bounds: Bounds) -> float:
@@ -125,27 +120,34 @@ def _guess(waypoints: FloatArray, bounds: Bounds) -> float:
     return float(np.cbrt(60.0 * np.maximum(ways, 1e-3) / bounds.jerk_max).sum())
 
 
-def _pass(program: Program, shapes: Shapes, waypoints: FloatArray) -> None:
-    """Ask that the control points pass the way-points."""
-    pinned, targets = sparse.csr_matrix(shapes.pinned), shapes.targets(waypoints)
+def _pass(program: Program, reference: Derivatives, shapes: Shapes, drone: Asked) -> None:
+    """Ask that the reference rests at the first and last way-point and passes the others, within their radii."""
+    ends = sparse.csr_matrix(np.delete(shapes.pinned, np.s_[AT_REST:-AT_REST], axis=0))
+    places = np.repeat(drone.waypoints[[0, -1]], AT_REST, axis=0)
     for axis in range(3):
-        program.vanish((program.placed(pinned, axis * shapes.count), -targets[:, axis]))
+        program.vanish((program.placed(ends, axis * shapes.count), -places[:, axis]))
+    inner, radii = np.arange(1, len(drone.waypoints) - 1), drone.allowed
+    missed = []
+    for axis, (matrix, constant) in enumerate(reference.axes(0)):
+        rows = shapes.passed[inner] * ORDER
+        missed.append((matrix[rows], constant[rows] - drone.waypoints[inner, axis]))
+    exact, near = np.flatnonzero(radii[inner] == 0.0), np.flatnonzero(radii[inner] > 0.0)
+    if exact.size:
+        for matrix, constant in missed:
+            program.vanish((matrix[exact], constant[exact]))
+    if near.size:
+        head = (sparse.csr_matrix((len(near), program.size)), radii[inner][near])
+        program.bound_norms(head, *((matrix[near], constant[near]) for matrix, constant in missed))
 
 
 def _linear_step(
-    legs: FloatArray, points: FloatArray, waypoints: FloatArray, radius: float, limits: InputSet, bounds: Bounds
+    legs: FloatArray, points: FloatArray, drone: Asked, radius: float, limits: InputSet, bounds: Bounds
 ) -> FloatArray | None:
     """Return the legs (L,) whose sum is smallest where limits are linear in control points and legs."""
     retimed = Retimed(points, legs, spans_of(len(legs)))
     program = Program(retimed.size)
     keep_limits(program, retimed, limits, bounds)
-    shapes = shapes_of(legs)
-    ends = sparse.csr_matrix(np.delete(shapes.pinned, np.s_[4 : 4 + len(waypoints) - 2], axis=0))
-    places = np.repeat(waypoints[[0, -1]], 4, axis=0)
-    for axis, (matrix, constant) in enumerate(retimed.axes(0)):
-        program.vanish((program.placed(ends, axis * shapes.count), -places[:, axis]))
-        rows = shapes.passed[1:-1] * ORDER
-        program.vanish((matrix[rows], constant[rows] - waypoints[1:-1, axis]))
+    _pass(program, retimed, shapes_of(legs), drone)
     durations = retimed.legs()
     program.be_positive((durations, -legs * (1.0 - radius)))
     program.be_positive((-durations, legs * (1.0 + radius)))

@@ -31,12 +31,13 @@ _SOURCES = ("given", "certificate")
 
 
 class Waypoint(NamedTuple):
-    """A place that a reference passes: time, us, a knot; x, y, z, nm, world frame."""
+    """A place that a reference passes: time, us, a knot; x, y, z, nm, world frame; how far away it may pass, nm."""
 
     time: int
     x: int
     y: int
     z: int
+    radius: int = 0
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ class PlannedDrone:
         return Fraction(self.body) + Fraction(self.tube.radius)
 
     def require_met(self) -> None:
-        """Refuse a way-point that the reference does not pass, on time, to 1 um.
+        """Refuse a way-point that the reference does not pass on time, within its radius and 1 um.
 
         Raises:
             FlatsatError: there is one.
@@ -98,7 +99,7 @@ class PlannedDrone:
         values, divisors = self.curve.bezier()
         ends = [*values[:, 0], values[-1, -1]], [*divisors, divisors[-1]]
         knots = {knot: (point, divisor) for knot, point, divisor in zip(self.curve.knots, *ends, strict=True)}
-        for time, *place in self.waypoints:
+        for time, *place, radius in self.waypoints:
             if time not in knots:
                 raise refusal(f"{self.name}: time of a way-point", time / 1e6, "s", "one of the knots")
             point, divisor = knots[time]
@@ -107,9 +108,9 @@ class PlannedDrone:
                 (Fraction(int(value), int(divisor)) / NANOMETRE - goal) ** 2
                 for value, goal in zip(point, place, strict=True)
             )
-            if offset > _MET**2:
+            if offset > (radius + _MET) ** 2:
                 what = f"{self.name}: distance from its way-point at t = {time / 1e6:.4f} s"
-                raise refusal(what, math.sqrt(offset) * 1e-9, "m", f"at most {_MET * 1e-9:g} m")
+                raise refusal(what, math.sqrt(offset) * 1e-9, "m", f"at most {(radius + _MET) * 1e-9:g} m")
 
     @classmethod
     def from_document(cls, name: str, document: object) -> PlannedDrone:
@@ -118,7 +119,7 @@ class PlannedDrone:
             values = section("the drone", document, _DRONE)
             knots, points, waypoints = (
                 tables.read(key, values[key], digits, _ROWS_MAX)
-                for key, digits in (("knots", (6,)), ("control_points", (9, 9, 9)), ("waypoints", (6, 9, 9, 9)))
+                for key, digits in (("knots", (6,)), ("control_points", (9, 9, 9)), ("waypoints", (6, 9, 9, 9, 9)))
             )
             return cls(
                 name=name,
@@ -139,5 +140,5 @@ class PlannedDrone:
             "yaw": self.yaw,
             "knots": tables.written([(knot,) for knot in self.curve.knots], (6,)),
             "control_points": tables.written(self.curve.points, (9, 9, 9)),
-            "waypoints": tables.written(self.waypoints, (6, 9, 9, 9)),
+            "waypoints": tables.written(self.waypoints, (6, 9, 9, 9, 9)),
         }

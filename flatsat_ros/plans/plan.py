@@ -50,7 +50,8 @@ _HEADER = """\
 # drones: body and tube are radii, m; a tube is how far the drone may be off its reference. Source "given": the user
 #   stated the radius, nothing proves it; "certificate": that proves it for jerk and snap up to a tenth above the
 #   bounds, as when the pace changes. Knots in s and control points x y z in m of a B-spline of degree 5 (each knot
-#   once; those at the ends count six times); way-points t x y z in s and m
+#   once; those at the ends count six times); way-points t x y z in s
+#   and m, and within how many m they are passed
 # pairs: two drones, the distance in m that they always keep, and from when to when (s) they are nearest
 # obstacles: boxes that stand still: name, lower and upper corner in m; passages: each drone with each of them, as pairs
 """

@@ -51,7 +51,7 @@ def test_a_straight_way_takes_what_jerk_alone_allows() -> None:
     shapes = Shapes(np.ones(24, dtype=np.int64), np.array([0, 24]))
     way = np.array([[0.0, 0.0, 1.0], [0.3, 0.0, 1.0]])
     bounds = replace(BOUNDS, margin=0.01, snap_max=1e4)
-    found = shortest(shapes, way, LIMITS, bounds)
+    found = shortest(shapes, Asked("cf1", way), LIMITS, bounds)
     assert found is not None
     least = (32 * 0.3 / bounds.jerk_max) ** (1 / 3)
     assert least < found[1] < 1.15 * least
@@ -59,11 +59,11 @@ def test_a_straight_way_takes_what_jerk_alone_allows() -> None:
 
 def test_the_shortest_duration_is_that_below_which_no_reference_is_found() -> None:
     shapes = shapes_of(np.array([2.0, 2.5, 2.0]))
-    found = shortest(shapes, WAY, LIMITS, BOUNDS)
+    found = shortest(shapes, Asked("cf1", WAY), LIMITS, BOUNDS)
     assert found is not None
     _, duration = found
-    assert smoothest(shapes, WAY, 1.001 * duration, LIMITS, BOUNDS) is not None
-    assert smoothest(shapes, WAY, 0.995 * duration, LIMITS, BOUNDS) is None
+    assert smoothest(shapes, Asked("cf1", WAY), 1.001 * duration, LIMITS, BOUNDS) is not None
+    assert smoothest(shapes, Asked("cf1", WAY), 0.995 * duration, LIMITS, BOUNDS) is None
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +74,7 @@ def alone() -> Plan:
 def test_one_drone_passes_all_waypoints_in_a_proved_plan(alone: Plan) -> None:
     assert min(alone.verify().values()) >= 0.0
     (drone,) = alone.drones
-    assert [waypoint[1:] for waypoint in drone.waypoints] == [tuple(np.rint(1e9 * p).astype(int)) for p in WAY]
+    assert [waypoint[1:4] for waypoint in drone.waypoints] == [tuple(np.rint(1e9 * p).astype(int)) for p in WAY]
     trajectory = alone.trajectory("cf1")
     for waypoint, place in zip(drone.waypoints, WAY, strict=True):
         assert trajectory.sample(waypoint.time / 1e6)[:3] == pytest.approx(place, abs=1e-6)
@@ -83,11 +83,25 @@ def test_one_drone_passes_all_waypoints_in_a_proved_plan(alone: Plan) -> None:
     assert trajectory.require_margin(LIMITS) >= 0.999 * BOUNDS.margin
 
 
+def test_a_waypoint_is_passed_within_its_radius_and_not_closer_than_is_worth_it(alone: Plan) -> None:
+    (drone,) = mission(WAY.tolist()).drones
+    radii = np.array([0.0, 0.1, 0.2, 0.0])
+    found = plan(replace(mission(WAY.tolist()), drones=(replace(drone, radii=radii),)))
+    assert found.duration < 0.97 * alone.duration
+    assert [waypoint.radius for waypoint in found.drones[0].waypoints] == [0, 100_000_000, 200_000_000, 0]
+    for waypoint, place, radius in zip(found.drones[0].waypoints, WAY, radii, strict=True):
+        offset = float(np.linalg.norm(found.trajectory("cf1").sample(waypoint.time / 1e6)[:3] - place))
+        assert 0.9 * radius < offset + 1e-9 < radius + 1e-5  # a shorter way passes at the edge
+    narrow = tuple(waypoint._replace(radius=waypoint.radius // 2) for waypoint in found.drones[0].waypoints)
+    with pytest.raises(FlatsatError, match=r"distance from its way-point at t = .*: must be at most 0.05"):
+        replace(found, drones=(replace(found.drones[0], waypoints=narrow),)).verify()
+
+
 def test_legs_are_timed_better_than_in_proportions_near_by(alone: Plan) -> None:
     knots = np.array(alone.drones[0].curve.knots) / 1e6
     legs = np.diff(knots[::8])
     for factors in np.random.default_rng(0).uniform(0.85, 1.15, size=(6, 3)):
-        other = shortest(shapes_of(legs * factors), WAY, LIMITS, BOUNDS)
+        other = shortest(shapes_of(legs * factors), Asked("cf1", WAY), LIMITS, BOUNDS)
         assert other is not None
         assert other[1] > 0.999 * alone.duration
 
@@ -261,6 +275,16 @@ def test_files_say_what_is_asked(tmp_path: Path) -> None:
         ("a.csv", "x,y,z,yaw\n0,0,1,0\n1,1,1,1\n", r"yaw = \[0.0, 1.0\] rad: must be the same in all lines"),
         ("a.csv", "x,y,z\n0,0,1\n0,0,0.9\n", "z of way-point 2 of cf1 = 0.9 m: must be from 1 to 1.5 m"),
         ("a.csv", "x,y,z,t\n0,0,1,2\n0,0,1.2,2\n", "times of way-points = .* s: must be increasing from 0"),
+        (
+            "a.csv",
+            "x,y,z,radius\n0,0,1,0.1\n0,0,1.2,0\n",
+            r"radii of start and goal of cf1 = \[0.1, 0.0\] m: must be 0",
+        ),
+        (
+            "a.csv",
+            "x,y,z,radius\n0,0,1,0\n0,1,1,-1\n0,0,1.2,0\n",
+            "smallest radius of cf1 = -1.0 m: must be at least 0",
+        ),
         ("a.yaml", "drones: [1]", "drones = .*: must be a mapping from names"),
         ("a.yaml", "drones: {a: [[0, 0, 1], [1, 0, 1]]}\nspeed: 1.0", "unknown key 'speed'"),
         ("a.json", "{", "cannot be read"),
@@ -305,7 +329,9 @@ def test_larger_bounds_are_traded_for_larger_tubes(tmp_path: Path) -> None:
     tubes = [choice.tube for choice in found if choice.tube is not None]
     assert len(durations) > 2
     assert durations == sorted(durations, reverse=True)
-    assert tubes == sorted(tubes)
+    computed = tubes[2:]  # the first two are what the certificate states, which may be more than what is proved now
+    assert len(computed) > 1
+    assert computed == sorted(computed)
     assert tubes[0] < tubes[-1]
     assert all(choice.refused for choice in found if choice.bound is None)
     with pytest.raises(FlatsatError, match="has no flight section"):
