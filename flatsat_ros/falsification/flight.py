@@ -5,7 +5,8 @@ A batch is one pilot and `DRONES` drones, each a linear plant inside the certifi
 for, ages of poses and gains, with the signs of the loop's own impulse response, so that at the end of a run a signal is
 as large as it can become; and starts beside the reference. A run begins with what the one before has left behind.
 Tubes are claimed for all applied gains of the interval: half of the batches have limits so wide that none is less than
-what the adversary wants.
+what the adversary wants. In half of the batches references rest, and what they could ask for at most is pushed in at
+the drone's input; in the others they swing.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight import Flight
 from flatsat_ros.falsification.exact_drones import ExactDrones, draw_plants
 from flatsat_ros.falsification.flight_claims import Breach, Found, Judge
+from flatsat_ros.falsification.swinging import swinging
 from flatsat_ros.falsification.worst_inputs import SIGNALS, Schedule, WorstInputs
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import GoalMode, Policy
@@ -69,7 +71,7 @@ def attack(seed: int, certificate: Certificate) -> Outcome:
 
     Args:
         seed: even ones attack what is claimed of x and y, odd ones of z; two with the limits of the certificate, then
-            two with wide ones.
+            two with wide ones; four with references that rest, then four with references that swing.
         certificate: with a flight section, proved or not.
 
     Raises:
@@ -95,6 +97,7 @@ class _Batch:
     def __init__(self, certificate: Certificate, flight: Flight, seed: int) -> None:
         self._flight, self._period, self._focus = flight, certificate.period, seed % 2
         random = self._random = np.random.default_rng(seed)
+        self._swinging = bool(seed // 4 % 2) and flight.assumptions.jerk > 0.0 and flight.assumptions.snap > 0.0
         if seed // 2 % 2:
             certificate = replace(certificate, limits=InputSet(*_WIDE, certificate.limits.gravity))
         top = self._top = min(flight.gain_max, certificate.gain_max)
@@ -120,13 +123,15 @@ class _Batch:
         self._sides = np.column_stack([np.cos(azimuth), np.sin(azimuth)])
         self._course = random.choice(len(_COURSES), DRONES, p=_OFTEN)
         self._held = random.uniform(1.0, top, DRONES)
-        self._starting = random.random(DRONES) < _STARTS
+        self._starting = (random.random(DRONES) < _STARTS) & (not self._swinging)
         self._push, self._ticks = np.zeros((DRONES, 3)), 0
         self._gain = np.ones(DRONES)
 
     def fly(self) -> Outcome:
         """Fly all runs."""
         tick = self._settle()
+        if self._swinging:
+            self._swing()
         for _ in range(WINDOWS):
             tick = self._run(tick)
         judge = self._judge
@@ -152,6 +157,20 @@ class _Batch:
                 for index, place in enumerate(places):
                     self._pilot.set_reference(index, Trajectory.hold(place))
         raise FlatsatError("the drones do not come to rest where their tubes are claimed: does the observer settle?")
+
+    def _swing(self) -> None:
+        """Give all drones references that swing where they are attacked, each from another time on."""
+        lines = self._lines()
+        now, duration = self._ticks * self._period, (WINDOWS * PERIODS + 1) * self._period
+        for index, (place, wait) in enumerate(zip(self._drones.position, self._random.random(DRONES), strict=True)):
+            path = swinging(self._flight, place, lines[index], now + 4.0 * wait, now + duration)
+            self._pilot.set_reference(index, path)
+
+    def _lines(self) -> FloatArray:
+        """Return along which lines the drones are attacked, (N, 3)."""
+        if self._focus == 1:
+            return np.tile([0.0, 0.0, 1.0], (DRONES, 1))
+        return np.column_stack([self._sides, np.zeros(DRONES)])
 
     def _run(self, tick: Tick) -> Tick:
         """Fly one run of all drones, from a tick to another."""
@@ -205,7 +224,10 @@ class _Batch:
         """
         inputs = np.zeros((3, PERIODS, DRONES, 3))
         for axis, (plan, adversary) in enumerate(zip(schedules, self._adversaries, strict=True)):
-            sizes = plan.signs * adversary.bounds[self._own[axis]]
+            bounds = adversary.bounds[self._own[axis]]
+            if self._swinging:  # references act themselves
+                bounds = bounds * (1.0, 0.0, 0.0) + (0.0, self._flight.assumptions.disturbance_rate, 0.0)
+            sizes = plan.signs * bounds
             moved = sizes[..., 1].sum(axis=0)
             now = (self._push[:, :2] * self._sides).sum(axis=1) if axis == 0 else self._push[:, 2]
             sizes *= np.where(moved * now > 0.0, -1.0, 1.0)[:, np.newaxis]
@@ -219,10 +241,10 @@ class _Batch:
     def _limited(self, push: FloatArray) -> FloatArray:
         """Return disturbances (N, 3), m/s^2, shortened to what is assumed: no further from those within it."""
         shares = (_NEAR_ALL, math.sqrt(1.0 - _NEAR_ALL**2))
-        most = [
-            shares[axis != self._focus] * self._flight.disturbance * self._gain_of[axis][self._own[axis]]
-            for axis in range(2)
-        ]
+        gains = [gain[own] for gain, own in zip(self._gain_of, self._own, strict=True)]
+        most = [shares[axis != self._focus] * self._flight.disturbance * gains[axis] for axis in range(2)]
+        if self._swinging:
+            most[self._focus] = most[self._focus] - self._judge.asked_at_most(self._own)[self._focus]
         sides = np.hypot(push[:, 0], push[:, 1])
         shorter = np.minimum(1.0, most[0] / np.maximum(sides, 1e-12))
         upright = np.clip(push[:, 2], -most[1], most[1])
@@ -235,12 +257,7 @@ class _Batch:
         large = self._flight.axes[focus].tube.position * random.random(DRONES)
         small = random.random(DRONES) < 0.5
         away[focus] = np.where(self._starting, np.where(small, np.maximum(_EDGE * certified, 0.0), large), 0.0)
-        lines = np.zeros((DRONES, 3))
-        if focus == 0:
-            lines[:, :2] = self._sides
-        else:
-            lines[:, 2] = 1.0
-        lines *= random.choice([-1.0, 1.0], DRONES)[:, np.newaxis]
+        lines = self._lines() * random.choice([-1.0, 1.0], DRONES)[:, np.newaxis]
         for index in map(int, np.flatnonzero(away[focus])):
             place = reference[index, :3] + away[focus, index] * lines[index]
             self._pilot.set_reference(index, Trajectory.hold(place))

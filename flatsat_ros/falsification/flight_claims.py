@@ -12,6 +12,7 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight import Flight
 from flatsat_ros.certificate.flight_loop import Plant
 from flatsat_ros.falsification.exact_drones import ExactDrones
+from flatsat_ros.falsification.swinging import amplitudes
 from flatsat_ros.falsification.worst_inputs import SIGNALS
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.tick import Tick
@@ -97,6 +98,9 @@ class Judge:
         self._best: dict[tuple[int, int, int], Found] = {}
         self._breaches: dict[int, Breach] = {}
         self._gain_of = np.array([[plant.gain for plant in kind] for kind in kinds])
+        # D = d + (g - 1) r + (what the model knows of drag and tilt, less the plant's) p_ref', r = a_ref + known p_ref'
+        self._known = np.array([axis.design.model.drag + axis.design.model.tilt for axis in flight.axes])[:, np.newaxis]
+        self._unknown = self._known - np.array([[plant.drag + plant.tilt for plant in kind] for kind in kinds])
         self._count, self._run = count, -1
         self._certified = np.array(flight.certified_start())[:, np.newaxis]
         self.started, self.told = np.zeros((2, count)), 0.0
@@ -124,6 +128,13 @@ class Judge:
         self._resting, self._plants, self._away = resting, plants.copy(), away
         self._most, self._value = np.zeros((2, 2, len(SIGNALS), self._count))
         self._when, self._gains = np.zeros((2, *self._most.shape))
+
+    def asked_at_most(self, plants: np.ndarray) -> FloatArray:
+        """Return how much disturbance references that swing make of themselves, m/s^2, on plants (2, N)."""
+        speed, acceleration, _, _ = amplitudes(self._flight)
+        each = [[0], [1]], plants
+        asked = np.abs(self._gain_of[each] - 1.0) * (acceleration + self._known * speed)
+        return np.asarray(asked + np.abs(self._unknown[each]) * speed)
 
     def look(self, tick: Tick, before: FloatArray, drones: ExactDrones, push: FloatArray, period: int) -> None:
         """Check all claims at a tick, and that of the place also in the middle of the period before it.
@@ -155,7 +166,10 @@ class Judge:
         flies = float(Mode.FLY.value)
         self._fail("the pilot flies on", tick.mode != flies, tick.mode, flies, period)
 
-        divided = push / self._gain_of[[[0], [0], [1]], self._plants[[0, 0, 1]]].T
+        plants = [[0], [0], [1]], self._plants[[0, 0, 1]]
+        gains, velocity = self._gain_of[plants].T, tick.reference[:, 3:6]
+        asked = tick.reference[:, 6:] + self._known[[0, 0, 1], 0] * velocity
+        divided = (push + (gains - 1.0) * asked + self._unknown[plants].T * velocity) / gains
         error = drones.position - tick.reference[:, :3], drones.velocity - tick.reference[:, 3:6]
         signals = (*error, tick.output.error @ self._feedback, divided - tick.disturbance)
         values = np.stack([_sizes(signal) for signal in signals], axis=1)
