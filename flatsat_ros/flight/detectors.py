@@ -14,8 +14,8 @@ _WELL_BELOW_HOVER = 1.2
 _STEADY = 0.05
 _CARRIED_TIME = 0.9  # a body that is pushed so and falls freely moves farther in that time, wherever it is on its way
 
-# a drone is off the ground when it is so far, m, from the height at which its lock was opened
-_LIFTED_OFF = 0.05
+# a drone is off the ground when it is so far, m, from the height at which its lock was opened; it cannot be below
+LIFTED_OFF = 0.05
 # an upward acceleration of this much, m/s^2, is a command to climb
 _CLIMB = 0.5
 # a drone that moves sideways by so much, m, before it has left the ground does not climb where it is told to
@@ -89,6 +89,7 @@ class LiftOffDetector:
     Attributes:
         standing: (N,) who was seen to stand and has not left the ground yet.
         slid: (N,) who of these has moved sideways instead.
+        sunk: (N,) who of these is seen below the ground instead.
     """
 
     def __init__(self, count: int, patience: float) -> None:
@@ -99,7 +100,7 @@ class LiftOffDetector:
             patience: s of a commanded climb after which a drone that is still on the ground will not leave it.
         """
         self._patience = patience
-        self.standing = self.slid = np.zeros(count, dtype=bool)
+        self.standing = self.slid = self.sunk = np.zeros(count, dtype=bool)
         self._place = np.zeros((count, 3))  # where each stood last, m
         self._held_since = np.full(count, np.inf)
 
@@ -108,9 +109,9 @@ class LiftOffDetector:
         self.standing = self.standing.copy()
         self.standing[index], self._place[index], self._held_since[index] = True, place, np.inf
 
-    def moved(self, index: int, place: FloatArray) -> float:
-        """Return how far a place (3,) is from where drone index stood, m."""
-        return float(np.linalg.norm(place - self._place[index]))
+    def risen(self, index: int, place: FloatArray) -> float:
+        """Return how high drone index, which is seen at a place (3,), m, is if all its way led upward, m."""
+        return float(self._place[index, 2] + np.linalg.norm(place - self._place[index]))
 
     def held(self, now: float, place: FloatArray, upward: FloatArray, flying: np.ndarray) -> np.ndarray:
         """Tell which drones have been commanded to climb for too long without leaving the ground, (N,).
@@ -122,10 +123,12 @@ class LiftOffDetector:
             flying: (N,) who is steered.
         """
         if not np.count_nonzero(self.standing):
-            self.slid = self.standing
+            self.slid = self.sunk = self.standing
             return np.zeros(flying.size, dtype=bool)
-        moved = np.abs(place - self._place)
-        self.standing = self.standing & (moved[:, 2] < _LIFTED_OFF)
+        way = place - self._place
+        moved = np.abs(way)
+        self.sunk = flying & self.standing & (way[:, 2] < -LIFTED_OFF)
+        self.standing = self.standing & (moved[:, 2] < LIFTED_OFF)
         self.slid = flying & self.standing & (np.hypot(moved[:, 0], moved[:, 1]) > _SLID)
         waiting = flying & self.standing & (upward >= _CLIMB)
         self._held_since = np.where(waiting, np.minimum(self._held_since, now), np.inf)

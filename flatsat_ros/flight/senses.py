@@ -10,6 +10,7 @@ from flatsat_ros.flight.astray import AstrayDetector
 from flatsat_ros.flight.braking import Braking
 from flatsat_ros.flight.descent import BlindDescent
 from flatsat_ros.flight.detectors import (
+    LIFTED_OFF,
     BobbingDetector,
     FallDetector,
     LiftOffDetector,
@@ -36,6 +37,7 @@ _LIFTING_SLOW = 0.02
 # a certificate that knows nothing of lag and delay does not make the drone answer sooner than after this, s
 _LATE = 0.15
 _SLID = "told to climb, it moves sideways instead: is z up in the poses?"
+_SUNK = "told to climb, it is seen {0:.2f} m below where it stood, at most {1:g} m: has z the other sign?"
 _BLOWN = "at the limit of its tilt and {0:.1f} m off its reference, no nearer for seconds: wind? It lands where it is"
 _SWINGS = "it swings from one side to the other: do poses or commands come too late?"
 _BOBS = "it swings up and down: do poses or commands come too late?"
@@ -111,10 +113,7 @@ class Senses:
         upward = self._acceleration[:, 2]
         flying = (mode == Mode.FLY.value) & usable
         held = self._lift_off.held(now, state[:, :3], upward, flying)
-        slid = self._lift_off.slid & self._unlocked
-        if np.count_nonzero(slid & ~self._gone_astray):
-            self._reports += [(int(i), _SLID) for i in np.flatnonzero(slid & ~self._gone_astray)]
-            self._gone_astray = self._gone_astray | slid
+        self._judge_lift_off(state)
         standing = self._lift_off.standing
         height = np.where(flying & ~standing, state[:, 2] - guidance.ground, np.inf)
         self._sight = Sight(
@@ -128,6 +127,18 @@ class Senses:
             grounded=self.grounded,
         )
         return self._sight
+
+    def _judge_lift_off(self, state: FloatArray) -> None:
+        """Take those for astray that leave the ground another way than upward; state is (N, 6), m, m/s."""
+        slid = self._lift_off.slid & self._unlocked
+        # one that was unlocked in somebody's hand may well sink
+        sunk = self._lift_off.sunk & self._unlocked & (state[:, 2] < self._low - LIFTED_OFF)
+        anew = (slid | sunk) & ~self._gone_astray
+        for index in map(int, np.flatnonzero(anew)):
+            depth = self._lift_off.risen(index, state[index, :3]) - state[index, 2]
+            self._reports.append((index, _SLID if slid[index] else _SUNK.format(depth, LIFTED_OFF)))
+        self._misled = self._misled | anew
+        self._gone_astray = self._gone_astray | anew
 
     def note(
         self,
@@ -274,15 +285,16 @@ class Senses:
         height = float(estimated[2])
         if after is Mode.LEVEL or (after is Mode.DESCEND and before is Mode.FLY):
             lift = float(self._lift[index]) if self.thrust.is_settled(index) else None
-            climb, self._misled[index] = float(estimated[5]), self._lift_off.slid[index]
+            climb = float(estimated[5])
             if self._misled[index]:  # that may be its height, and its speed the climb rate
-                height += self._lift_off.moved(index, estimated[:3])
+                height = self._lift_off.risen(index, estimated[:3])
                 climb = float(np.linalg.norm(estimated[3:6]))
             self.descent.begin(index, now, height - float(guidance.ground[index]), climb, lift)
             answer = self._astray.answer(index) if after is Mode.DESCEND and self._gone_astray[index] else None
             self.braking.begin(index, answer, estimated[3:5])
         if after in (Mode.CUT, Mode.REST, Mode.FALLEN, Mode.IDLE):
             self._gone_astray[index] = self._blown[index] = self.braking.active[index] = False
+            self._misled[index] = False
         if after is Mode.FALLEN or (before is Mode.FLY and after is Mode.UNLOCK):
             self.thrust.forget(index)
         if before is Mode.IDLE and after is Mode.FLY:

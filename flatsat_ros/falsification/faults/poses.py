@@ -22,6 +22,7 @@ _SAFE = Bounds(End.SAFE, told=_POSE)
 _WRONG = Bounds(End.SAFE, told=r"pose|yaw|axis|sign|command|innovation|predict")
 # a coordinate that stands still is noticed before the drone has gone 0.3 m; without it the drone sinks level
 _STILL = Bounds(End.DOWN, distance=0.5, told=r"\b[xyz]\b has stood still")
+_MIRRORED = replace(_STILL, told=r"pose|\bz\b")
 _NO_TAKE_OFF = Bounds(End.GROUNDED, told=r"orientation|yaw")
 
 
@@ -181,6 +182,13 @@ POSE_FAULTS = (
         "z stays as it is, and there is a goal 1 m above",
         ((0.0, poses(lambda _: faults.frozen(2))), (0.0, _rise)),
         _STILL,
+    ),
+    _lasting(
+        "poses_z_mirrored",
+        "z has the other sign",
+        lambda _: faults.mirrored(2),
+        _MIRRORED,
+        since_take_off=EARLY,
     ),
     _lasting("poses_mm", "poses of whole millimetres", lambda _: faults.rounded(1e-3), _SURVIVED),
     _lasting(
