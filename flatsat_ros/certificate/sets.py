@@ -20,6 +20,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,8 +40,7 @@ class Place(IntEnum):
     TUBE = 4  # in the tube of a flight section, which takes the place of all sets
 
 
-@dataclass(frozen=True, eq=False)
-class Membership:
+class Membership(NamedTuple):
     """Where N states are.
 
     Attributes:

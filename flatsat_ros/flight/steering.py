@@ -62,7 +62,9 @@ class Steering:
                 self.memory = Memory(np.where(anew, tuning.gain_initial, self.memory.gain))
                 memory, output = self._controller.step(self.memory, state, yaw, base)
             self._restarts &= ~flying
-        self.memory = Memory(np.where(adapting, memory.gain, self.memory.gain))
+        if np.count_nonzero(adapting) < adapting.size:
+            memory = Memory(np.where(adapting, memory.gain, self.memory.gain))
+        self.memory = memory
         return output
 
     def _spread(self, tuning: Tuning) -> Tuning:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -43,8 +42,7 @@ class Report(NamedTuple):
     text: str
 
 
-@dataclass(frozen=True, eq=False)
-class Tick:
+class Tick(NamedTuple):
     """The outcome of one tick for N drones.
 
     Attributes:

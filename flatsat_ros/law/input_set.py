@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +20,7 @@ from numpy.typing import ArrayLike
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import (
+    LARGEST,
     SMALLEST,
     refusal,
     require,
@@ -33,6 +35,17 @@ _ROUNDING = 1e-12
 
 # The smallest float above 0, to divide by instead of 0.
 _TINY = math.ulp(0.0)
+
+
+class Limits(NamedTuple):
+    """Which limits of an input set are meant: T_max, eps_max and T_min, by the surfaces that they give it."""
+
+    sphere: bool
+    cone: bool
+    plane: bool
+
+
+_ALL = Limits(sphere=True, cone=True, plane=True)
 
 
 @dataclass(frozen=True)
@@ -99,8 +112,9 @@ class InputSet:
     def gauge_of_finite(self, v: FloatArray) -> FloatArray:
         """Return `gauge` of an array that is known to be finite and (..., 3)."""
         g, sin = self.gravity, math.sin(self.tilt_max)
-        scale, v1, v2, v3 = _scaled(v)
-        horizontal = np.hypot(v1, v2)
+        scale = _size(v)
+        scaled = v / scale[..., np.newaxis]
+        horizontal, v3 = np.hypot(scaled[..., 0], scaled[..., 1]), scaled[..., 2]
         cone = (horizontal * math.cos(self.tilt_max) - v3 * sin) / (g * sin)
         plane = v3 / (self.thrust_min - g)
         square = horizontal * horizontal + v3 * v3
@@ -164,47 +178,69 @@ class InputSet:
 
     def exit_factor_of_finite(self, base: FloatArray, v: FloatArray) -> FloatArray:
         """Return `exit_factor` of arrays that are known to be finite and (..., 3)."""
-        p1, p2, up = base[..., 0], base[..., 1], base[..., 2] + self.gravity
-        slope = self._slope
-        radius, reach = np.hypot(p1, p2), slope * up
-        thrust = np.hypot(radius, up)
-        # what is left to the sphere, to the cone and to the plane of T_min
-        below, within, above = self.thrust_max - thrust, reach - radius, up - self.thrust_min
-        left = np.minimum(np.minimum(below, within), above)
+        radius, up = np.hypot(base[..., 0], base[..., 1]), base[..., 2] + self.gravity
+        left = np.minimum(
+            self.thrust_max - np.hypot(radius, up), np.minimum(self._slope * up - radius, up - self.thrust_min)
+        )
         if np.count_nonzero(left < -_ROUNDING * self.thrust_max):
             worst = base.reshape(-1, 3)[int(np.argmin(left))]
             outside = -float(self.margin(worst))
             raise refusal("base", worst.tolist(), "m/s^2", f"inside the input set, it is {outside:.6g} m/s^2 outside")
-        scale, v1, v2, v3 = _scaled(v)
-        rise = slope * v3
-        horizontal = v1 * v1 + v2 * v2
-        along = p1 * v1 + p2 * v2
-
+        scale = _size(v)
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-            a, b = horizontal + v3 * v3, along + up * v3
-            c = np.maximum(below, 0.0) * (self.thrust_max + thrust)
-            sphere = _reciprocal_root(a, b, c, b * b + a * c)
-
-            # b^2 + a c with its equal terms cancelled by hand
-            turn, m1, m2 = p1 * v2 - p2 * v1, reach * v1 - rise * p1, reach * v2 - rise * p2
-            a, b = np.maximum(horizontal - rise * rise, 0.0), along - reach * rise
-            c = np.maximum(within, 0.0) * (reach + radius)
-            discriminant = np.maximum(m1 * m1 + m2 * m2 - turn * turn, 0.0)
-            cone = _reciprocal_root(a, b, c, discriminant)
-
-            plane = (0.0 - v3) / np.maximum(above, _TINY)
-            # never NaN, so that NaN, no exit, counts as 0; negative upward, where sphere is above 0
-            return np.asarray(1.0 / (np.fmax(np.fmax(sphere, cone), plane) * scale))
+            return np.asarray(1.0 / (self._exits(base, v / scale[..., np.newaxis], _ALL) * scale))
 
     def reach_of_finite(self, base: FloatArray, v: FloatArray, most: FloatArray) -> FloatArray:
-        """Return the smaller one of most (...) and `exit_factor` of arrays that are known to be finite and (..., 3)."""
-        half_width = self.inner_radius / math.sqrt(3.0)  # of the largest cube in the largest ball around 0
-        # a cube is convex: with both ends in it, all that lies between them is in V_c
-        if np.abs(base).max(initial=0.0) <= half_width:
-            end = base + most[..., np.newaxis] * v
-            if np.abs(end).max(initial=0.0) <= half_width:
-                return most
-        return np.minimum(most, self.exit_factor_of_finite(base, v))
+        """Return the smaller one of most (...) and `exit_factor` of arrays that are known to be finite and (..., 3).
+
+        To be called where numpy does not warn of divisions.
+        """
+        half_width = self._half_width
+        if np.abs(base).max(initial=0.0) > half_width:
+            return np.minimum(most, self.exit_factor_of_finite(base, v))
+        way = most[..., np.newaxis] * v
+        end = base + way
+        size = np.abs(end).max(initial=0.0)
+        if size <= half_width:
+            return most
+        if not size <= LARGEST:
+            return np.minimum(most, self.exit_factor_of_finite(base, v))
+        # V_c is convex: a limit that both ends keep is kept between them
+        radius, up = np.hypot(end[..., 0], end[..., 1]), end[..., 2] + self.gravity
+        kept = np.hypot(radius, up) <= self.thrust_max, radius <= self._slope * up, up >= self.thrust_min
+        exceeded = Limits(*(bool(np.count_nonzero(holds) < holds.size) for holds in kept))
+        return most / np.maximum(self._exits(base, way, exceeded), 1.0) if any(exceeded) else most
+
+    def _exits(self, base: FloatArray, v: FloatArray, limits: Limits) -> FloatArray:
+        """Return the reciprocal, at least 0, of the largest factor lambda with base + lambda v within some limits.
+
+        Args:
+            base: (..., 3) in V_c.
+            v: (..., 3), its squares neither over- nor underflow.
+            limits: which.
+        """
+        p1, p2, up = base[..., 0], base[..., 1], base[..., 2] + self.gravity
+        v1, v2, v3 = v[..., 0], v[..., 1], v[..., 2]
+        radius = np.hypot(p1, p2)
+        horizontal = v1 * v1 + v2 * v2
+        along = p1 * v1 + p2 * v2
+        nearest: FloatArray = np.zeros(())
+        if limits.sphere:
+            thrust = np.hypot(radius, up)
+            a, b = horizontal + v3 * v3, along + up * v3
+            c = np.maximum(self.thrust_max - thrust, 0.0) * (self.thrust_max + thrust)
+            nearest = np.fmax(nearest, _reciprocal_root(a, b, c, b * b + a * c))
+        if limits.cone:
+            reach, rise = self._slope * up, self._slope * v3
+            a, b = np.maximum(horizontal - rise * rise, 0.0), along - reach * rise
+            c = np.maximum(reach - radius, 0.0) * (reach + radius)
+            # b^2 + a c with its equal terms cancelled by hand
+            turn, m1, m2 = p1 * v2 - p2 * v1, reach * v1 - rise * p1, reach * v2 - rise * p2
+            discriminant = np.maximum(m1 * m1 + m2 * m2 - turn * turn, 0.0)
+            nearest = np.fmax(nearest, _reciprocal_root(a, b, c, discriminant))
+        if limits.plane:  # negative upward
+            nearest = np.fmax(nearest, (0.0 - v3) / np.maximum(up - self.thrust_min, _TINY))
+        return nearest
 
     def margin(self, v: ArrayLike) -> FloatArray:
         """Return the distance from v to the boundary of V_c, the radius of the largest ball around v inside V_c.
@@ -242,6 +278,11 @@ class InputSet:
         return math.tan(self.tilt_max)
 
     @cached_property
+    def _half_width(self) -> float:
+        """Half the width of the largest cube in the largest ball around 0 in V_c, m/s^2."""
+        return self.inner_radius / math.sqrt(3.0)
+
+    @cached_property
     def inner_radius(self) -> float:
         """Radius r_in of the largest ball around 0 in V_c, m/s^2: min(g sin eps_max, T_max - g, g - T_min)."""
         return min(
@@ -271,13 +312,11 @@ class InputSet:
         return np.array([half_width, half_width, height])
 
 
-def _scaled(v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Split v into its largest absolute entry and the entries divided by it, so that no square over- or underflows."""
+def _size(v: FloatArray) -> FloatArray:
+    """Return the largest absolute entry of v (..., 3), above 0; divided by it, no square of v over- or underflows."""
     size = np.abs(v)
-    # entry by entry, for a max over so short an axis is slow; above 0 also for v = 0
-    scale = np.maximum(np.maximum(size[..., 0], size[..., 1]), np.maximum(size[..., 2], _TINY))
-    scaled = v / scale[..., np.newaxis]
-    return scale, scaled[..., 0], scaled[..., 1], scaled[..., 2]
+    # entry by entry, for a max over so short an axis is slow
+    return np.asarray(np.maximum(np.maximum(size[..., 0], size[..., 1]), np.maximum(size[..., 2], _TINY)))
 
 
 def _reciprocal_root(a: FloatArray, b: FloatArray, c: FloatArray, discriminant: FloatArray) -> FloatArray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from hypothesis import strategies as st
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.falsification.loops import runge_kutta
-from flatsat_ros.law.controller import Controller, Memory
+from flatsat_ros.law.controller import Controller, Memory, Output
 from flatsat_ros.law.flatness import acceleration_from_input
 from flatsat_ros.law.gain import Tuning
 
@@ -111,12 +110,12 @@ def test_batch_equals_loop(rows: list[tuple[tuple[float, ...], float, float, flo
         row = slice(i, i + 1)
         alone_memory, alone = controller(1, mu[i]).step(Memory(gain[row]), x[row], yaw[row], reference[row])
         np.testing.assert_allclose(memory.gain[row], alone_memory.gain, rtol=1e-14)
-        for field in dataclasses.fields(output):
-            a, b = getattr(output, field.name)[row], getattr(alone, field.name)
-            if field.name == "input":  # an angle is known as well as the thrust vector over its length
+        for name, several, other in zip(Output._fields, output, alone, strict=True):
+            a, b = several[row], other
+            if name == "input":  # an angle is known as well as the thrust vector over its length
                 weight = np.hstack([[[1.0]], alone.input[:, [0, 0]]])
                 a, b = weight * a, weight * b
-            np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-13, err_msg=field.name)
+            np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-13, err_msg=name)
 
 
 def test_a_step_changes_nothing_it_was_given() -> None:

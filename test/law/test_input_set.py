@@ -103,12 +103,19 @@ def test_the_exit_from_a_base_is_where_the_set_ends(
     assert abs(Decimal(float(limits.exit_factor(base, v))) / exact - 1) < Decimal("1e-12")
 
 
-@given(limits=sets, base=directions, depth=st.floats(0.0, 0.9), v=directions, most=st.floats(0.0, 3.0))
+@given(
+    limits=sets,
+    base=directions,
+    depth=st.floats(0.0, 0.9),
+    v=directions,
+    exponent=st.sampled_from([0] * 8 + [-300, -9, 9, 300]),
+    most=st.floats(0.0, 3.0),
+)
 def test_the_reach_ends_at_the_exit_or_at_what_is_asked_for(
-    limits: InputSet, base: Vector, depth: float, v: Vector, most: float
+    limits: InputSet, base: Vector, depth: float, v: Vector, exponent: int, most: float
 ) -> None:
     start = depth * np.array(base) / float(limits.gauge(base))
-    direction = np.array(v) / float(limits.gauge(v))
+    direction = np.array(v) / float(limits.gauge(v)) * 10.0**exponent
     exit_factor = limits.exit_factor(start, direction)
     reach = limits.reach_of_finite(start, direction, np.array(most))
     assert reach == pytest.approx(np.minimum(most, exit_factor), rel=1e-12)
