@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import require, require_not_negative, require_positive
@@ -153,18 +152,24 @@ class Timing:
         following += G[:, :, np.newaxis] * command.T
         return np.asarray(following.transpose(2, 0, 1))
 
-    def follow(self, rest: ArrayLike, command: ArrayLike) -> FloatArray:
+    def follow(self, rest: FloatArray, command: FloatArray) -> FloatArray:
         """Return what z holds beyond position and velocity, one period later.
 
         Nothing measures it: it is the model's, driven by the commands that were sent. Starting at zero means hover.
 
         Args:
-            rest: (N, n - 2, 3) achieved acceleration (if there is a lag) and past commands, m/s^2, world frame.
+            rest: (N, 3 (n - 2)) achieved acceleration (if there is a lag) and past commands, m/s^2, world frame.
             command: (N, 3) v, m/s^2, world frame, given at the beginning of the period.
 
         Returns:
-            (N, n - 2, 3); `numpy.concatenate([xi, rest.reshape(N, -1)], axis=1)` is what the sets take.
+            (N, 3 (n - 2)); `numpy.hstack([xi, rest])` is what the sets take.
         """
+        kept, new = self._rest_transition
+        return np.asarray(rest @ kept + command @ new)
+
+    @cached_property
+    def _rest_transition(self) -> tuple[FloatArray, FloatArray]:
+        """What leads from the rest of z, and from a command, to the rest one period later: rows of all three axes."""
         F, G = self.transition
-        rest, command = np.asarray(rest, dtype=np.float64), np.asarray(command, dtype=np.float64)
-        return np.asarray(F[2:, 2:] @ rest + G[2:] * command[:, np.newaxis])
+        kept, new = (np.asarray(np.kron(part.T, np.eye(3)), dtype=np.float64) for part in (F[2:, 2:], G[2:]))
+        return kept, new

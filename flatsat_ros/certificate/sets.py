@@ -134,15 +134,11 @@ class Sets:
         Args:
             state: (N, 6) or (N, 3 n) errors, see `levels`; a row that is not finite is outside.
         """
-        lateral, upright = self.levels(state)
-        total = lateral + upright
-        finite = np.isfinite(total)
-        if not finite.all():
-            lateral, upright = np.where(finite, lateral, 0.0), np.where(finite, upright, 0.0)
-            total = np.where(finite, total, np.inf)
-        elif np.count_nonzero(total <= self.level) == total.size:  # E lies in D: nothing more to compute
+        lateral, upright, total = self._finite_levels(state)
+        if np.count_nonzero(total <= self.level) == total.size:  # E lies in D: nothing more to compute
             one, inside = np.ones(total.shape), np.ones(total.shape, dtype=bool)
             return Membership(total / self.level, np.full(total.shape, Place.ELLIPSOID.value), one, inside)
+        finite = np.isfinite(total)
         scale = self._scale(lateral, upright)
         lifted = self._scale(np.maximum(lateral, self.floor), np.maximum(upright, self.floor)) if self.floor else scale
         ellipsoid, larger = total <= self.level, scale <= 1.0
@@ -154,6 +150,22 @@ class Sets:
             kappa=np.where(finite, 1.0 / np.maximum(scale, 1.0), 0.0),
             guaranteed=np.asarray(guaranteed),
         )
+
+    def level_and_kappa(self, state: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return level and kappa of N states, (N,) each, as `classify` does, without asking for the guarantee."""
+        lateral, upright, total = self._finite_levels(state)
+        if np.count_nonzero(total <= self.level) == total.size:
+            return total / self.level, np.ones(total.shape)
+        return total / self.level, np.isfinite(total) / np.maximum(self._scale(lateral, upright), 1.0)
+
+    def _finite_levels(self, state: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return V_h, V_v and their sum, (...); 0, 0 and infinity for a state that is not finite."""
+        lateral, upright = self.levels(state)
+        total = lateral + upright
+        finite = np.isfinite(total)
+        if np.count_nonzero(finite) == finite.size:
+            return lateral, upright, total
+        return np.where(finite, lateral, 0.0), np.where(finite, upright, 0.0), np.where(finite, total, np.inf)
 
     def _density(self) -> float:
         """Return det(P_h) sqrt(det(P_v)), the root of the determinant of P; of the slice of hover with lag or delay."""

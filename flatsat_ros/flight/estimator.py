@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from itertools import chain
+from itertools import chain, pairwise
 
 import numpy as np
 
@@ -63,9 +63,12 @@ class Estimator:
 
     def __init__(self, count: int) -> None:
         self._filters = [_Filter() for _ in range(count)]
-        self._commands: deque[tuple[float, FloatArray, list[list[float]]]] = deque()
+        nothing = np.zeros((count, 3))
+        self._nothing = -math.inf, nothing, nothing.tolist()
+        self._commands = deque([self._nothing])  # since when, s, and what is commanded, m/s^2, as array and as lists
         self._screen = PoseScreen(count)
         self._airborne = self._aloft = [False] * count
+        self._settled = np.zeros(count, dtype=bool)
         self.yaw = np.zeros(count)
         self.tilt = np.full(count, np.nan)
         self.newest = np.full(count, -np.inf)
@@ -102,6 +105,7 @@ class Estimator:
             self.rejected[index] += 1
             return False
         self.newest[index], self.measured[index] = stamp, position
+        self._settled[index] = self._filters[index].c11 <= _SETTLED_VELOCITY**2
         attitude = yaw_and_tilt(quaternion)
         if attitude is None:
             self._screen.note_orientation(index, now)
@@ -121,7 +125,7 @@ class Estimator:
     def restart(self) -> None:
         """Forget all measurements and commands, as after a step of the clock."""
         self.newest[:] = self.oriented[:] = -np.inf
-        self._commands.clear()
+        self._commands = deque([self._nothing])
 
     def command(
         self,
@@ -155,19 +159,21 @@ class Estimator:
         count = len(self._filters)
         means = chain.from_iterable(f.mean for f in self._filters)
         state = np.fromiter(means, np.float64, 9 * count).reshape(count, 9)
-        elapsed = np.minimum(np.maximum(now - self.newest, 0.0), PREDICTION_MAX)
-        oldest, elapsed = now - float(elapsed.max()), elapsed[:, np.newaxis]
-        position, velocity, disturbance = state[:, 0:3], state[:, 3:6], state[:, 6:9]
-        position += elapsed * (velocity + elapsed / 2.0 * disturbance)
-        velocity += elapsed * disturbance
-        measured, end = now - elapsed, now
-        for begin, acceleration, _ in reversed(self._commands):
-            span = np.maximum(end - np.maximum(begin, measured), 0.0)
-            velocity += acceleration * span
-            position += acceleration * (span * (now - end + span / 2.0))
-            end = min(end, begin)
-            if oldest >= end:
+        position, velocity = state[:, 0:3], state[:, 3:6]
+        measured = np.minimum(np.maximum(self.newest, now - PREDICTION_MAX), now)[:, np.newaxis]
+        elapsed = now - measured
+        pull = state[:, 6:9] + self._commands[-1][1]
+        position += elapsed * (velocity + elapsed / 2.0 * pull)
+        velocity += elapsed * pull
+        # what earlier commands did otherwise, from the measurements to their ends
+        oldest = float(measured.min())
+        for (end, after, _), (_, before, _) in pairwise(reversed(self._commands)):
+            if end <= oldest:
                 break
+            span = np.maximum(end - measured, 0.0)
+            change = (before - after) * span
+            velocity += change
+            position += change * (now - end + span / 2.0)
         return state
 
     def usable(self, now: float, timeout: float) -> np.ndarray:
@@ -175,8 +181,7 @@ class Estimator:
 
         A timeout is at most PREDICTION_MAX.
         """
-        settled = np.array([f.c11 <= _SETTLED_VELOCITY**2 for f in self._filters])
-        return np.asarray((now - self.newest <= timeout) & settled)
+        return np.asarray((now - self.newest <= timeout) & self._settled)
 
     def _lifting(self, index: int) -> Sequence[float]:
         """Return what is commanded of a drone that is not steered in the air, (3,) m/s^2: to lift off, if anything."""

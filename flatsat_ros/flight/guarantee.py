@@ -10,6 +10,8 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.sets import Place
 
+_ELLIPSOID, _OUTSIDE = Place.ELLIPSOID.value, Place.OUTSIDE.value
+
 
 class Assessment(NamedTuple):
     """Where N drones are.
@@ -44,7 +46,7 @@ class GuaranteeMonitor:
         self._sets = certificate.sets
         self._timing = certificate.timing
         # what z holds beyond position and velocity: achieved acceleration and commands on their way, about the base
-        self._hidden = np.zeros((count, self._timing.size - 2, 3))
+        self._hidden = np.zeros((count, 3 * (self._timing.size - 2)))
         self._radius = certificate.limits.inner_radius
 
     def assess(self, error: FloatArray, margin: FloatArray, fixed: np.ndarray) -> Assessment:
@@ -55,13 +57,16 @@ class GuaranteeMonitor:
             margin: (N,) distance of the references' accelerations to the boundary of the input set, m/s^2.
             fixed: (N,) whether the law's base is 0 for good: a set-point, and nothing compensated.
         """
-        hidden = self._hidden
-        state = np.concatenate([error, hidden.reshape(len(error), -1)], axis=1) if hidden.size else error
+        state = np.concatenate([error, self._hidden], axis=1) if self._hidden.size else error
+        shrunk = np.minimum(1.0, margin / self._radius) ** 2
+        if not np.count_nonzero(fixed):
+            level, kappa = self._sets.level_and_kappa(state)
+            relative = level / shrunk
+            return Assessment(relative, np.where(relative <= 1.0, _ELLIPSOID, _OUTSIDE), kappa, fixed)
         membership = self._sets.classify(state)
-        relative = membership.level / np.minimum(1.0, margin / self._radius) ** 2
-        place = membership.place
-        if not fixed.all():
-            place = np.where(fixed, place, np.where(relative <= 1.0, Place.ELLIPSOID.value, Place.OUTSIDE.value))
+        relative, place = membership.level / shrunk, membership.place
+        if np.count_nonzero(fixed) < fixed.size:
+            place = np.where(fixed, place, np.where(relative <= 1.0, _ELLIPSOID, _OUTSIDE))
         return Assessment(relative, place, membership.kappa, membership.guaranteed & fixed)
 
     def follow(self, command: FloatArray) -> None:

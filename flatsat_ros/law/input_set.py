@@ -136,12 +136,17 @@ class InputSet:
         Returns:
             (...) dimensionless.
         """
-        g, sin, cos = self.gravity, math.sin(self.tilt_max), math.cos(self.tilt_max)
-        room = (self.thrust_max - g) * (self.thrust_max + g)
-        cone = (horizontal * cos + vertical * sin) / (g * sin)
-        floor = vertical / (g - self.thrust_min)
-        sphere = (g * vertical + np.hypot(g * vertical, math.sqrt(room) * np.hypot(horizontal, vertical))) / room
-        return np.asarray(np.maximum(np.maximum(cone, floor), sphere))
+        side, down, up, slant = self._worst_slopes
+        cone = side * horizontal + vertical / self.gravity
+        sphere = up * vertical + np.hypot(up * vertical, slant * np.hypot(horizontal, vertical))
+        return np.asarray(np.maximum(np.maximum(cone, down * vertical), sphere))
+
+    @cached_property
+    def _worst_slopes(self) -> tuple[float, float, float, float]:
+        """What `worst_gauge` multiplies by: of cone and plane, then of the sphere."""
+        room = (self.thrust_max - self.gravity) * (self.thrust_max + self.gravity)
+        down = 1.0 / (self.gravity - self.thrust_min)
+        return 1.0 / (self.gravity * self._slope), down, self.gravity / room, 1.0 / math.sqrt(room)
 
     def saturate(self, v: ArrayLike) -> FloatArray:
         """Return the longest vector of V_c in the direction of v and no longer than v: sat(v) = v / max(1, psi(v)).

@@ -89,7 +89,7 @@ def test_what_is_not_measured_follows_from_the_commands(h: float, tau: float, de
     following = timing.advance(z, command)
     # terms may cancel: rounding is relative to what is added up
     gathered = np.einsum("ij,njk->nik", np.abs(F), np.abs(z)) + np.abs(G * command[:, np.newaxis])
-    error = np.abs(timing.follow(z[:, 2:], command) - following[:, 2:])
+    error = np.abs(timing.follow(z[:, 2:].reshape(5, -1), command).reshape(5, -1, 3) - following[:, 2:])
     assert (error <= 2.0 * timing.size * np.finfo(float).eps * gathered[:, 2:]).all()
 
 

@@ -137,7 +137,8 @@ def test_every_place_is_found_and_what_is_not_finite_is_outside() -> None:
     near = [0.9 * reach * axis, 0.9 * height * upward, 1.9 * reach * axis, 2.1 * reach * axis]
     states = np.array([*near, np.nan * axis, np.inf * np.ones(6)])
     with np.errstate(invalid="ignore"):
-        found = EXPERIMENT.classify(states)
+        found, again = EXPERIMENT.classify(states), EXPERIMENT.level_and_kappa(states)
+    assert (found.level.tolist(), found.kappa.tolist()) == (again[0].tolist(), again[1].tolist())
     assert list(found.place) == [
         Place.ELLIPSOID, Place.LARGER, Place.KAPPA, Place.OUTSIDE, Place.OUTSIDE, Place.OUTSIDE,
     ]  # fmt: skip

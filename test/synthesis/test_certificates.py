@@ -243,10 +243,9 @@ def test_the_saturated_loop_with_lag_and_delay_never_leaves_its_sets(certificate
         k = np.minimum(gamma, 1.0 / certificate.limits.gauge(v0))
         assert (k >= certificate.gain_min).all()
         v = k[:, np.newaxis] * v0
-        z = state.reshape(count, timing.size, 3)
-        following = timing.advance(z, v)
-        np.testing.assert_allclose(following[:, 2:], timing.follow(z[:, 2:], v), rtol=1e-12, atol=1e-12)
-        state = following.reshape(count, -1)
+        following = timing.advance(state.reshape(count, timing.size, 3), v).reshape(count, -1)
+        np.testing.assert_allclose(following[:, 6:], timing.follow(state[:, 6:], v), rtol=1e-12, atol=1e-12)
+        state = following
         for now, then in zip(sets.levels(state), before, strict=True):
             assert (now <= then * (1.0 + 1e-12)).all()
 
