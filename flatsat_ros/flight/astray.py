@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import numpy as np
 
@@ -48,10 +49,11 @@ class AstrayDetector:
         self._turns = turns
         self._period = period
         self._window, self._late = max(1, round(_WINDOW / period)), math.ceil(late / period - 0.5)
-        # velocity, and velocity that was commanded since the start, of the last looks: (looks, 2, N, 2), newest last
-        self._past = np.zeros((2 * self._window + self._late + 1, 2, count, 2))
-        # of each axis of the body: what was commanded, what came along it, all that came; then what came across both
-        self._sums = np.zeros((7, count))
+        # velocities, and velocities that were commanded since the start, of the last looks, (N, 2) each, newest last
+        looks, nowhere = 2 * self._window + self._late + 1, np.zeros((count, 2))
+        self._velocities, self._commanded = deque([nowhere] * looks, looks), deque([nowhere] * looks, looks)
+        # sums of products: of what was commanded along the axes of the body and what came, each with each
+        self._sums = np.zeros((4, 4, count))
         self._common = np.zeros((2, count))  # of both axes: what came along, and across, by the yaw of now
         self._judged = np.zeros(count)  # s
         self._wrong = np.zeros(count)  # s, for how long what comes has been wrong
@@ -65,30 +67,30 @@ class AstrayDetector:
             yaw: (N,) psi, rad, by which the commands were turned into the body's axes.
             judged: (N,) who is in the air and steered.
         """
-        commanded = self._past[-1, 1] + push
-        self._past[:-1] = self._past[1:]
-        self._past[-1] = velocity, commanded
+        self._velocities.append(velocity)
+        self._commanded.append(self._commanded[-1] + push)
+        self._judged = np.where(judged, self._judged + self._period, 0.0)
+        early = self._judged < len(self._velocities) * self._period
+        if np.count_nonzero(early) == early.size:
+            self._sums[:], self._common[:], self._wrong[:] = 0.0, 0.0, 0.0
+            return np.zeros(early.size, dtype=bool)
         sin, cos = np.sin(yaw), np.cos(yaw)
-        wanted = _turned(self._changed(self._past[: len(self._past) - self._late, 1]), sin, cos)
-        came = _turned(self._changed(self._past[:, 0]), sin, cos)
+        motion = np.empty((4, len(yaw)))
+        for axes, past, newest in ((motion[:2], self._commanded, -1 - self._late), (motion[2:], self._velocities, -1)):
+            x, y = self._changed(past, newest).T
+            axes[0], axes[1] = cos * x + sin * y, cos * y - sin * x
+        products = self._period * motion[:, np.newaxis] * motion
         self._sums *= 1.0 - self._period / _FORGOTTEN
-        self._sums[0:2] += self._period * wanted * wanted
-        self._sums[2:4] += self._period * wanted * came
-        self._sums[4:6] += self._period * came * came
-        across = self._period * (wanted[0] * came[1] - wanted[1] * came[0])
-        self._sums[6] += across
+        self._sums += products
         if self._turns:
             self._common *= 1.0 - self._period / _FORGOTTEN
-            self._common += self._period * (wanted * came).sum(axis=0), across
-        self._judged = np.where(judged, self._judged + self._period, 0.0)
-        early = self._judged < len(self._past) * self._period
-        self._sums[:, early] = 0.0
-        if self._turns:
-            self._common[:, early] = 0.0
-        if not np.count_nonzero(self._sums[0] + self._sums[1] > _JUDGED):
+            self._common += products[0, 2] + products[1, 3], products[0, 3] - products[1, 2]
+        if np.count_nonzero(early):
+            self._sums[..., early] = self._common[:, early] = 0.0
+        if not np.count_nonzero(self._sums[0, 0] + self._sums[1, 1] > _JUDGED):
             self._wrong[:] = 0.0
             return np.zeros(self._wrong.size, dtype=bool)
-        size, along, total, across = self._sums[0:2], self._sums[2:4], self._sums[4:6], self._sums[6]
+        size, along, total, across = self._compared()
         negated = _explained(size, along, total) & (along < 0.0)
         turned = _explained(size.sum(axis=0), np.hypot(along.sum(axis=0), across), total.sum(axis=0))
         turned &= np.abs(across) > _TURNED * along.sum(axis=0)
@@ -100,8 +102,7 @@ class AstrayDetector:
 
         It is a turn about the vertical, or the sign of each axis.
         """
-        size, along, total, across = self._sums[0:2], self._sums[2:4], self._sums[4:6], self._sums[6]
-        size, along, total, across = size[:, index], along[:, index], total[:, index], float(across[index])
+        size, along, total, across = (sums[..., index] for sums in self._compared())
         straight = float(along.sum())
         whole = np.array([size.sum(), math.hypot(straight, across), total.sum()])
         if not (_explained(size, along, total).any() or _explained(*whole)):
@@ -114,8 +115,8 @@ class AstrayDetector:
     def turns(self) -> FloatArray:
         """Return by which angle what comes is turned from what is commanded, (N,) rad; 0 where that is not known."""
         along, across = self._common
-        size, total = self._sums[0:2].sum(axis=0), self._sums[4:6].sum(axis=0)
-        known = _explained(size, np.hypot(along, across), total)
+        size, _, total, _ = self._compared()
+        known = _explained(size.sum(axis=0), np.hypot(along, across), total.sum(axis=0))
         return np.where(known, np.arctan2(across, along), 0.0)
 
     def correct(self, angle: FloatArray, anew: np.ndarray) -> None:
@@ -123,17 +124,22 @@ class AstrayDetector:
         (along, across), sin, cos = self._common, np.sin(angle), np.cos(angle)
         self._common = np.array([cos * along + sin * across, cos * across - sin * along])
         self._judged[anew] = self._wrong[anew] = 0.0
-        self._sums[:, anew] = self._common[:, anew] = 0.0
+        self._sums[..., anew] = self._common[:, anew] = 0.0
 
-    def _changed(self, past: FloatArray) -> FloatArray:
-        """Return how much more a quantity changed over the last window than over the one before, (N, 2)."""
-        return np.asarray(past[-1] - 2.0 * past[-1 - self._window] + past[-1 - 2 * self._window])
+    def _compared(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return sums of squares, (m/s)^2 s.
 
+        Returns:
+            For each axis of the body, (2, N): what was commanded, what came along it, all that came; and what came
+            across both, (N,).
+        """
+        sums = self._sums
+        size, along, total = (np.einsum("iin->in", part) for part in (sums[:2, :2], sums[:2, 2:], sums[2:, 2:]))
+        return size, along, total, sums[0, 3] - sums[1, 2]
 
-def _turned(vectors: FloatArray, sin: FloatArray, cos: FloatArray) -> FloatArray:
-    """Return horizontal vectors (N, 2) along the axes of bodies whose psi has this sine and cosine, (2, N)."""
-    x, y = vectors[:, 0], vectors[:, 1]
-    return np.array([cos * x + sin * y, cos * y - sin * x])
+    def _changed(self, past: deque[FloatArray], newest: int) -> FloatArray:
+        """Return how much more a quantity changed over a window up to its newest value than over the one before."""
+        return np.asarray(past[newest] - 2.0 * past[newest - self._window] + past[newest - 2 * self._window])
 
 
 def _explained(size: FloatArray, common: FloatArray, total: FloatArray) -> np.ndarray:

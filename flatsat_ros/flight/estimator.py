@@ -15,6 +15,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from itertools import chain, pairwise
+from operator import attrgetter
 
 import numpy as np
 
@@ -46,6 +47,8 @@ _NEAR_AGAIN, _AGAIN_TIME = 0.25, 1.0
 # silence (s) after which the old velocity says nothing any more: no estimate predicts further
 PREDICTION_MAX = 0.5
 
+_MEAN = attrgetter("mean")
+
 
 class Estimator:
     """The estimates of N drones.
@@ -64,8 +67,9 @@ class Estimator:
     def __init__(self, count: int) -> None:
         self._filters = [_Filter() for _ in range(count)]
         nothing = np.zeros((count, 3))
-        self._nothing = -math.inf, nothing, nothing.tolist()
-        self._commands = deque([self._nothing])  # since when, s, and what is commanded, m/s^2, as array and as lists
+        self._nothing = -math.inf, nothing, nothing.ravel().tolist()
+        # since when, s, and what is commanded, m/s^2, as array and as list of 3 N floats
+        self._commands = deque([self._nothing])
         self._screen = PoseScreen(count)
         self._airborne = self._aloft = [False] * count
         self._settled = np.zeros(count, dtype=bool)
@@ -97,7 +101,7 @@ class Estimator:
         newest = float(self.newest[index])
         self._screen.note_age(index, stamp, now)
         airborne, mean = self._airborne[index], self._filters[index].mean
-        commanded = self._commands[-1][2][index] if airborne else self._lifting(index)
+        commanded = self._commands[-1][2][3 * index : 3 * index + 3] if airborne else self._lifting(index)
         refused = self._screen.refuse(index, stamp, position, quaternion, now, newest, commanded, mean, airborne)
         fault, values = refused or (self._filter(index, newest, stamp, position, now), ())
         if fault is not None:
@@ -146,7 +150,7 @@ class Estimator:
             self._airborne = airborne.tolist()
         if aloft is not None:
             self._aloft = aloft.tolist()
-        self._commands.append((t, acceleration, acceleration.tolist()))
+        self._commands.append((t, acceleration, acceleration.ravel().tolist()))
         while len(self._commands) > 1 and self._commands[1][0] < t - PREDICTION_MAX:
             self._commands.popleft()
 
@@ -157,7 +161,7 @@ class Estimator:
             Position (m), velocity (m/s) and disturbance (m/s^2): what accelerates the drones beside the commands.
         """
         count = len(self._filters)
-        means = chain.from_iterable(f.mean for f in self._filters)
+        means = chain.from_iterable(map(_MEAN, self._filters))
         state = np.fromiter(means, np.float64, 9 * count).reshape(count, 9)
         position, velocity = state[:, 0:3], state[:, 3:6]
         measured = np.minimum(np.maximum(self.newest, now - PREDICTION_MAX), now)[:, np.newaxis]
@@ -185,7 +189,7 @@ class Estimator:
 
     def _lifting(self, index: int) -> Sequence[float]:
         """Return what is commanded of a drone that is not steered in the air, (3,) m/s^2: to lift off, if anything."""
-        upward = 0.0 if self._aloft[index] or not self._commands else self._commands[-1][2][index][2]
+        upward = 0.0 if self._aloft[index] else self._commands[-1][2][3 * index + 2]
         return 0.0, 0.0, max(upward, 0.0)
 
     def _filter(self, index: int, newest: float, stamp: float, position: Sequence[float], now: float) -> Fault | None:
@@ -207,7 +211,7 @@ class Estimator:
             span = end - max(begin, newest)
             if span > 0.0:
                 lever = span * (stamp - end + span / 2.0)
-                for axis, a in enumerate(accelerations[index]):
+                for axis, a in enumerate(accelerations[3 * index : 3 * index + 3]):
                     push[axis] += a * span
                     shift[axis] += a * lever
                 end -= span

@@ -27,6 +27,7 @@ from flatsat_ros.law.controller import Output
 # of a reference's margin, this much at most may be spent on a disturbance; the rest is left to steer with
 _COMPENSATED_SHARE = 0.5
 _TINY = 1e-300
+_SUM = np.ones(3)  # sums the entries of rows, faster than sum() on few of them
 _NONE, _TUBE, _OUTSIDE = Assumption.NONE.value, Place.TUBE.value, Place.OUTSIDE.value
 
 
@@ -120,7 +121,10 @@ class DirectLoop:
         margin = self._references.margin - spent
         fixed = self._references.at_rest & (spent == 0.0)
         assessment = self._monitor.assess(output.error, margin, fixed)
-        self._monitor.follow(acceleration - np.where(flying[:, np.newaxis], self._base[:, 6:], 0.0))
+        base = self._base[:, 6:]
+        if np.count_nonzero(flying) < flying.size:
+            base = np.where(flying[:, np.newaxis], base, 0.0)
+        self._monitor.follow(acceleration - base)
         return assessment
 
     def astray(self) -> list[int]:
@@ -226,6 +230,8 @@ class PredictedLoop:
 
 def _shortened(estimate: FloatArray, most: FloatArray, flying: np.ndarray) -> tuple[FloatArray, FloatArray]:
     """Return disturbances (N, 3), m/s^2, shortened to what may be compensated, and their sizes; 0 if not steered."""
-    size = np.sqrt((estimate * estimate).sum(axis=1))
-    spent = np.where(flying, np.minimum(size, most), 0.0)
+    size = np.sqrt((estimate * estimate) @ _SUM)
+    spent = np.minimum(size, most)
+    if np.count_nonzero(flying) < flying.size:
+        spent = np.where(flying, spent, 0.0)
     return estimate * (spent / np.maximum(size, _TINY))[:, np.newaxis], spent

@@ -38,7 +38,7 @@ class Preview:
         """Return f (N, 3), m/s^2, of the commands at now, s."""
         references = self._references
         f = np.zeros((len(references.at_rest), 3))
-        if references.at_rest.all():
+        if np.count_nonzero(references.at_rest) == references.at_rest.size:
             return f
         for axes, cursor, ahead, needed in self._parts:
             references.seek(cursor, now + ahead)

@@ -87,7 +87,7 @@ class References:
             self.margin[index] = self._margin_at_rest if rests else self._margin_on_way[index]
             if rests:
                 self.demand[index] = 0.0
-        if self.at_rest.all():
+        if np.count_nonzero(self.at_rest) == self.at_rest.size:
             return self._resting.copy()
         return evaluate(self._present.coefficients, t - self._present.origin)
 

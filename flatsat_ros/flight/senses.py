@@ -23,6 +23,7 @@ from flatsat_ros.flight.policy import Policy, YawSource
 from flatsat_ros.flight.supervisor import Sight
 from flatsat_ros.flight.thrust import ThrustScale
 
+_FLY = Mode.FLY.value
 # the detectors look so often, s: they judge by what lasts for tenths of a second
 _LOOK = 0.05
 # a yaw that is learnt from motion follows it with this time constant, s; if a drone is astray again so soon, s, after
@@ -111,7 +112,7 @@ class Senses:
             return self._sight._replace(height=estimated[:, 2], usable=usable)
         state, disturbance = estimated[:, :6], estimated[:, 6:]
         upward = self._acceleration[:, 2]
-        flying = (mode == Mode.FLY.value) & usable
+        flying = (mode == _FLY) & usable
         held = self._lift_off.held(now, state[:, :3], upward, flying)
         self._judge_lift_off(state)
         standing = self._lift_off.standing
@@ -177,8 +178,9 @@ class Senses:
         if unseen is not None and np.count_nonzero(unseen):
             astray = self._learn_yaw(astray, unseen & judged)
         self._gone_astray = self._gone_astray | astray
-        for index in map(int, np.flatnonzero(self.braking.active)):
-            self.braking.learn(index, self._astray.answer(index))
+        if np.count_nonzero(self.braking.active):
+            for index in map(int, np.flatnonzero(self.braking.active)):
+                self.braking.learn(index, self._astray.answer(index))
         self._lift += (self._period / _LIFT_TIME) * np.where(high, disturbance[:, 2] - self._lift, 0.0)
         self._push, self._free = np.zeros_like(self._push), free
         return self._free

@@ -14,6 +14,7 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.flight.modes import AIRBORNE, STANDING_HEIGHT, Event, Mode, Situation, Transition, next_mode
 from flatsat_ros.flight.policy import Policy
 
+_FLY = Mode.FLY.value
 # what a drone flew level without poses counts with its next loss, less this share of the time between them
 _FORGOTTEN = 0.2
 # poses are steady when all have been usable for this long, s
@@ -156,7 +157,7 @@ class Supervisor:
         """
         made, self._pending = self._pending, []
         events = sight.touched_down, sight.held, sight.fell, sight.astray
-        flies = (self.mode == Mode.FLY.value) & sight.usable
+        flies = (self.mode == _FLY) & sight.usable
         if np.count_nonzero(flies) == flies.size and not any(map(np.count_nonzero, events)):
             return tuple(made)
         for index in map(int, np.flatnonzero(~flies | np.any(events, axis=0))):

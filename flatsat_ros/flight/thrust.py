@@ -68,7 +68,7 @@ class ThrustScale:
         if self._quick:
             constant = np.where(self._learnt < _QUICK_TIME, _QUICK_TIME_CONSTANT, _TIME_CONSTANT)
         scale = self.scale * (1.0 + period / constant * error - period * _LIFTING_RATE * weak)
-        self.scale = np.clip(scale, 1.0 - self._error_max, 1.0 + self._error_max)
+        self.scale = np.minimum(np.maximum(scale, 1.0 - self._error_max), 1.0 + self._error_max)
 
     def take_over(self, index: int) -> None:
         """Begin with drone index in the air, if it is not known yet: there, too little thrust lets it drop."""

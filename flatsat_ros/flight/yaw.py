@@ -9,6 +9,8 @@ from flatsat_ros.base.arrays import FloatArray
 # the rate is in proportion to the error, 1/s, and at most this, rad/s
 _GAIN = 1.5
 _RATE_MAX = 1.0
+_LEAD_MAX = _RATE_MAX / _GAIN  # rad
+_TURN = 2.0 * np.pi
 
 
 class YawControl:
@@ -31,8 +33,8 @@ class YawControl:
             kept: (N,) who keeps the heading of the last tick, because nothing is known of its yaw; those neither
                 steered nor kept have the heading that was measured.
         """
-        rate = np.minimum(np.maximum(_GAIN * _wrapped(wanted - yaw), -_RATE_MAX), _RATE_MAX)
-        heading = _wrapped(yaw + rate / _GAIN)
+        lead = np.minimum(np.maximum(_wrapped(wanted - yaw), -_LEAD_MAX), _LEAD_MAX)
+        rate, heading = _GAIN * lead, _wrapped(yaw + lead)
         if np.count_nonzero(steered) == steered.size:
             self.heading = heading
             return rate
@@ -42,4 +44,4 @@ class YawControl:
 
 def _wrapped(angle: FloatArray) -> FloatArray:
     """Return the same angles in [-pi, pi]."""
-    return np.asarray(angle - 2.0 * np.pi * np.rint(angle / (2.0 * np.pi)))
+    return np.asarray(angle - _TURN * np.rint(angle / _TURN))

@@ -52,11 +52,11 @@ def input_from_finite(v: FloatArray, yaw: FloatArray, gravity: float) -> FloatAr
     h3 = v[..., 2] + gravity
     forward = np.hypot(h1, h3)
     u = np.empty(h1.shape + (3,))
-    u[..., 0] = np.hypot(forward, h2)
+    thrust = np.hypot(forward, h2, out=u[..., 0])
     # asin(h2 / |h|), without its loss of digits near 90 degrees
-    u[..., 1] = np.arctan2(h2, forward)
-    u[..., 2] = np.arctan2(h1, h3)
-    singular = u[..., 0] <= _SINGULAR_THRUST * gravity
+    np.arctan2(h2, forward, out=u[..., 1])
+    np.arctan2(h1, h3, out=u[..., 2])
+    singular = thrust <= _SINGULAR_THRUST * gravity
     if np.count_nonzero(singular):
         u[singular] = 0.0
     return u
