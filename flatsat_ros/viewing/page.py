@@ -6,6 +6,7 @@ import base64
 import gzip
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -26,24 +27,30 @@ LIVE = (*_COMMON, "live.js", "console.js")
 
 def report(flight: Flight) -> str:
     """Return the page of a flight, self-contained."""
-    parts = {
-        "style": _style("style.css"),
-        "flight": base64.b64encode(gzip.compress(encode(flight), compresslevel=6, mtime=0)).decode(),
-        "script": _script(RECORDED),
-    }
-    page = _read(PAGE / "report.html").replace("<title>Flight report", f"<title>{escape(flight.title)}")
-    return _filled(page, parts)
+    data = base64.b64encode(gzip.compress(encode(flight), compresslevel=6, mtime=0)).decode()
+    return _page(
+        title=escape(flight.title),
+        body=_read(PAGE / "report.html").replace("{{flight}}", data),
+        style=_style("style.css"),
+        script=_script(RECORDED),
+    )
 
 
 def console() -> str:
     """Return the page of the console, which is fed by `viewing.server`."""
-    return _filled(_read(PAGE / "console.html"), {"style": _style("style.css", "console.css"), "script": _script(LIVE)})
+    return _page(
+        title="Console \N{EN DASH} flatsat_ros",
+        body=_read(PAGE / "console.html"),
+        style=_style("style.css", "console.css"),
+        script=_script(LIVE),
+        sources="connect-src 'self'; ",
+    )
 
 
-def _filled(page: str, parts: Mapping[str, str]) -> str:
-    for name, text in parts.items():
-        page = page.replace("{{" + name + "}}", text)
-    return page
+def _page(title: str, body: str, style: str, script: str, sources: str = "") -> str:
+    """Return a page of these parts; sources are what its content security policy allows beside the page itself."""
+    parts = {"title": title, "body": body, "style": style, "script": script, "sources": sources}
+    return re.sub(r"\{\{(\w+)\}\}", lambda place: parts[place[1]], _read(PAGE / "page.html"))
 
 
 def _style(*names: str) -> str:

@@ -20,7 +20,7 @@ from flatsat_ros.flight.assumptions import Assumption
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.viewing.flight import POSE_FIELDS, Channel, Event, Flight, Track
-from flatsat_ros.viewing.page import LIVE, PAGE, RECORDED, VENDOR, encode, report
+from flatsat_ros.viewing.page import LIVE, PAGE, RECORDED, VENDOR, console, encode, report
 
 EVIL = "</script><script>alert(1)</script>&<b>"
 numbers = st.floats(width=32)
@@ -78,6 +78,15 @@ def test_the_page_has_everything_in_it_and_text_stays_text() -> None:
     assert header["title"] == EVIL
     # nothing may be fetched, even if something tried to
     assert "default-src 'none'" in page
+
+
+def test_a_title_that_looks_like_a_place_of_the_page_stays_text() -> None:
+    assert "<title>{{script}}</title>" in report(Flight("{{script}}", [], [], {}, []))
+
+
+def test_the_report_may_ask_nobody_and_the_console_its_own_server_alone() -> None:
+    allowed = [re.search(r"default-src 'none'; (.*?)script-src", page) for page in (report(Flight("", [])), console())]
+    assert [found and found[1] for found in allowed] == ["", "connect-src 'self'; "]
 
 
 @pytest.mark.parametrize("name", sorted({*RECORDED, *LIVE}))
