@@ -6,11 +6,9 @@ pose; battery, link and console appear on /diagnostics. cflib is GPL and optiona
 
 from __future__ import annotations
 
-import math
 import os
 import socket
 import sys
-import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from enum import Enum
@@ -19,24 +17,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from geometry_msgs.msg import Twist
-from rclpy.task import Future
-from std_srvs.srv import Empty, Trigger
+from std_srvs.srv import Empty
 
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError, refusal, require_number
 from flatsat_ros.base.files import located
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot
 from flatsat_ros.crazyflie.link import (
-    BAD_QUALITY,
-    POOR_QUALITY,
-    QUALITY,
-    QUALITY_HOLD,
     Address,
-    LinkQuality,
     PacketQueue,
-    Reception,
     ShutdownSequence,
-    SupervisorInfo,
     require_packable,
     require_pose,
     sendable,
@@ -44,8 +34,8 @@ from flatsat_ros.crazyflie.link import (
 from flatsat_ros.crazyflie.outbox import Outbox, Packet, Stream
 from flatsat_ros.flight.policy import Policy
 from flatsat_ros.nodes import crazyswarm
+from flatsat_ros.nodes.link_watch import LinkWatch
 from flatsat_ros.nodes.ros import cdr, interfaces, messages
-from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, Report
 from flatsat_ros.nodes.ros.parameters import (
     declare,
     declare_choice,
@@ -59,15 +49,7 @@ from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 if TYPE_CHECKING:
     from flatsat_ros.nodes.cflib_link import Link
 
-_QUALITY_PERIOD = 0.2  # s between two looks at the link quality
 _VOLTS_MAX = 60.0  # V: no battery that flies has more
-
-# what of supervisor.info ends a flight, and how it is told; the first that holds is
-_ENDED = {
-    SupervisorInfo.LOCKED: "locked until reboot",
-    SupervisorInfo.CRASHED: "crashed",
-    SupervisorInfo.TUMBLED: "tumbled",
-}
 
 
 class ExternalPose(str, Enum):
@@ -124,10 +106,7 @@ class CflibBridge(ProgramNode):
             self._locate(suffix, with_attitude=external is ExternalPose.POSE)
         everybody = interfaces.drone_service_of(interfaces.ALL, interfaces.EMERGENCY)
         self.create_service(Empty, everybody, partial(self._on_emergency, self.links))
-        self._qualities = [LinkQuality() for _ in self.links]
-        self._landings = [self.create_client(Trigger, interfaces.service_of(robot, "land")) for robot in self.robots]
-        self.create_timer(_QUALITY_PERIOD, self._look_at_links)
-        Diagnostics(self, self._report)
+        self._watch = LinkWatch(self, self.links, [vehicle.battery.low_voltage for vehicle in self._vehicles.values()])
         require_known_parameters(self)
         for link in self.links:
             link.start()
@@ -284,64 +263,6 @@ class CflibBridge(ProgramNode):
     def _on_arm(self, link: Link, wanted: bool) -> tuple[bool, str]:
         sent = link.arm(wanted)
         return sent, "sent" if sent else f"{link.robot}: not connected: {link.condition}"
-
-    def _look_at_links(self) -> None:
-        """Tell whose radio is poor, and have the controller land a drone that is hardly reached any more."""
-        now = time.monotonic()
-        for link, quality, landing in zip(self.links, self._qualities, self._landings, strict=True):
-            value = link.values.get(QUALITY)
-            if value is None or not link.connected or not quality.measure(value, now):
-                continue
-            text = f"{link.robot}: link quality = {value:.0f} % for {QUALITY_HOLD:g} s"
-            if quality.reception is Reception.POOR:
-                self.get_logger().warning(f"{text}: must be above {POOR_QUALITY:g} %; at {BAD_QUALITY:g} % it lands")
-            elif not link.outbox.flies(now):
-                self.get_logger().error(f"{text}: it should not fly")
-            elif not landing.service_is_ready():
-                self.get_logger().error(f"{text}: land it: there is no service {landing.service_name} to ask")
-            else:
-                self.get_logger().error(f"{text}: {landing.service_name} is asked to land it")
-                landing.call_async(Trigger.Request()).add_done_callback(
-                    self.faults.contained(landing.service_name, partial(self._tell_refusal, link.robot))
-                )
-
-    def _tell_refusal(self, robot: str, answer: Future) -> None:
-        if refusal := messages.refusal_from_answer(answer.result()):
-            self.get_logger().error(f"{robot}: does not land: {refusal}")
-
-    def _report(self, _now: int) -> list[Report]:
-        """Return how every drone is."""
-        reports = []
-        for link, quality in zip(self.links, self._qualities, strict=True):
-            level, text = self._condition(link, quality.reception)
-            values: dict[str, object] = {
-                "uri": link.address.uri,
-                "silent s": f"{link.silence:.2f}",
-                "refused": self.faults.count(link.robot),
-                "overtaken": link.outbox.overtaken,
-                **{stream.value: link.outbox.sent[stream] for stream in Stream},
-                "connections": link.connections,
-                **{name: f"{value:.4g}" for name, value in dict(link.values).items()},
-                "console": "\n".join(list(link.console)),
-            }
-            reports.append(Report(link.robot, link.address.uri, level, text, values))
-        return reports
-
-    def _condition(self, link: Link, reception: Reception) -> tuple[Level, str]:
-        """Return how well a drone is, and its condition in a few words."""
-        flags = int(link.values.get("supervisor.info", 0))
-        if link.outbox.stopped:
-            return Level.ERROR, "emergency stop"
-        if not link.connected:
-            return Level.ERROR, link.condition
-        for flag, text in _ENDED.items():
-            if flags & flag:
-                return Level.ERROR, text
-        if link.values.get("pm.vbat", math.inf) < self._vehicles[link.robot].battery.low_voltage:
-            return Level.WARN, "battery low"
-        if reception is not Reception.GOOD:
-            return (Level.WARN if reception is Reception.POOR else Level.ERROR), f"link {reception.name.lower()}"
-        return Level.OK, link.condition
 
 
 def _import_links() -> Any:

@@ -28,7 +28,7 @@ pytest.importorskip("cflib", reason="the bridge is an extra")
 
 from cflib.crtp import radiodriver
 
-from flatsat_ros.nodes import cflib_link
+from flatsat_ros.nodes import cflib_link, cflib_sender
 from flatsat_ros.nodes.cflib_bridge import CflibBridge
 
 pytestmark = pytest.mark.in_process
@@ -63,7 +63,7 @@ class Dongle:
 
 def test_the_newest_set_point_takes_the_place_of_what_says_nothing() -> None:
     dongle, box, answered = Dongle(), outbox(), [False]
-    cflib_link._Turn(SimpleNamespace(link=SimpleNamespace(_radio=dongle)), box, lambda: answered[0])
+    cflib_sender.Turn(SimpleNamespace(link=SimpleNamespace(_radio=dongle)), box, lambda: answered[0])
     assert box.pulled
 
     def turn(data: list[int], number: float = 0.0) -> bytes:
@@ -258,7 +258,7 @@ def test_of_a_poor_link_is_told_and_a_bad_one_lands_the_drone(
 ) -> None:
     (link,), now, asked = bridge.links, [0.0], []
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    (landing,) = bridge._landings
+    (landing,) = bridge._watch._landings
     monkeypatch.setattr(landing, "service_is_ready", lambda: True)
     monkeypatch.setattr(landing, "call_async", lambda request: asked.append(request) or SimpleNamespace(
         add_done_callback=lambda _: None
@@ -271,8 +271,8 @@ def test_of_a_poor_link_is_told_and_a_bad_one_lands_the_drone(
             now[0] += 0.2
             link.command(WireSetpoint(0.0, 0.0, 0.0, 40000.0))
             link.outbox.send(SimpleNamespace(setpoint=lambda _: None), now[0])
-            bridge._look_at_links()
-        return bridge._report(0)[0].text
+            bridge._watch._look()
+        return bridge._watch._report(0)[0].text
 
     assert look(100.0, 5.0) == "not connected", "the condition of a link that is told of no poor quality"
     assert look(85.0, 2.0) == "not connected", "a short loss is no poor link"

@@ -32,9 +32,9 @@ from flatsat_ros.nodes.cflib_link import (
     SUPERVISOR,
     VOLTAGE,
     Link,
-    _CflibSender,
     _Crazyflie,
 )
+from flatsat_ros.nodes.cflib_sender import CflibSender
 from flatsat_ros.nodes.ros import messages
 from fuzzing.cdr import poses
 from fuzzing.damage import FLOATS
@@ -221,7 +221,7 @@ def _open_topics(folder: Path) -> Iterator[Attempt]:
                     commands["mocap_pose"](content)
                 link.outbox._queue._sent.clear()
                 link.outbox._queue._last = -math.inf  # nothing has to wait
-                link.outbox.send(_CflibSender(cf), time.monotonic())
+                link.outbox.send(CflibSender(cf), time.monotonic())
                 for packet in driver.sent:
                     _require_finite(packet)
             return not refused
