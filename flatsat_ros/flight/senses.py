@@ -135,6 +135,8 @@ class Senses:
         # one that was unlocked in somebody's hand may well sink
         sunk = self._lift_off.sunk & self._unlocked & (state[:, 2] < self._low - LIFTED_OFF)
         anew = (slid | sunk) & ~self._gone_astray
+        if not np.count_nonzero(anew):
+            return
         for index in map(int, np.flatnonzero(anew)):
             depth = self._lift_off.risen(index, state[index, :3]) - state[index, 2]
             self._reports.append((index, _SLID if slid[index] else _SUNK.format(depth, LIFTED_OFF)))
