@@ -159,6 +159,22 @@ def test_a_server_that_restarts_starts_no_motors_and_loses_no_take_off(
     server.wait_until_near((*server.drones.fleet.bodies.position[0, :2], 0.5))
 
 
+def test_after_a_power_cycle_no_drone_takes_off_until_the_server_is_restarted(
+    lab: Lab, serve: Callable[..., Server]
+) -> None:
+    """The server does not ask the drone for poses again."""
+    server = serve()
+    fly(lab, server)
+    server.power_cycle()
+    lab.listen(2.0)
+    answer = lab.ask(Trigger, interfaces.service_of("cf1", "takeoff"))
+    assert "fresh poses" in answer.message
+    server.stop()
+    server.start()
+    take_off(lab, server)
+    server.wait_until_near((0.0, 0.0, 0.5))
+
+
 def test_a_brushless_drone_stays_until_it_is_armed_then_takes_off(lab: Lab, serve: Callable[..., Server]) -> None:
     server = serve(vehicle="brushless")
     fly(lab, server, vehicle="brushless", certificate="paper_experiment")

@@ -9,7 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flatsat_ros.nodes.rivals import _HOLD, Ear, Heard
+from flatsat_ros.nodes import rivals
+from flatsat_ros.nodes.pose_sources import Source
+from flatsat_ros.nodes.rivals import _HOLD, Ear, Heard, Rivals
 
 pytestmark = pytest.mark.in_process
 
@@ -113,3 +115,40 @@ def test_two_senders_that_share_a_topic_are_two_of_those_of_whom_both_tell(
         following[sender] += 1
         now += 0.01
     assert (answer is Heard.SEVERAL) == both
+
+
+def test_where_poses_of_all_come_from_is_listened_to_for_as_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a stand-in for the node; the numbers of messages are those of two senders."""
+    sources: dict[int, Source] = {0: Source("/poses", object, lambda data: data.decode().split())}
+    queue, now = Queue(), [0.0]
+    bars: dict[int, str] = {}
+    told: list[str] = []
+    queue.data = b"cf1"
+    made = SimpleNamespace(
+        create_subscription=lambda *_, **__: queue, destroy_subscription=lambda _: None, destroy_node=lambda: None
+    )
+    monkeypatch.setattr(rivals, "Node", lambda *_, **__: made)
+    node: Any = SimpleNamespace(
+        context=None,
+        resolve_topic_name=lambda name: name if name.startswith("/") else f"/{name}",
+        count_publishers=lambda name: 2 if name == "/poses" else 1,
+        get_publishers_info_by_topic=lambda _: [SimpleNamespace(node_namespace="/", node_name="vicon")],
+        get_logger=lambda: SimpleNamespace(error=told.append, info=told.append),
+    )
+    watch = Rivals(node, ["cf1", "cf2"], sources.get, bars.__setitem__, lambda: now[0])
+    watch.look_around()
+    assert "/poses has the publishers /vicon" in bars[0]
+    assert bars[1] == "", "its poses come from a topic of its own"
+    now[0] = _HOLD
+    queue.numbers = [7, 3, 8]
+    watch.look_around()
+    assert told == ["cf1: no take-off: more than one sends /poses about cf1, of its publishers /vicon"]
+    sources[1] = Source("/poses", object, sources[0].tells)
+    watch.look_around()
+    assert bars[0].endswith("stop all but one")
+    assert bars[1] == ""
+    sources.clear()
+    watch.look_around()
+    assert bars == {0: "", 1: ""}
+    assert not watch._ears
+    watch.close()
