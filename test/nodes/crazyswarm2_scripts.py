@@ -191,8 +191,12 @@ def test_goto_unicast(flight: Flight) -> None:
         assert all(flight.passes(name, (*corner, 0.5)) for corner in corners)
 
 
-def test_arming(lab: Lab, tmp_path: Path) -> None:
-    flight = simulated(lab, tmp_path, vehicle="brushless")
+@pytest.mark.parametrize("server", ["sim_server", "crazyflie_server"])
+def test_arming(lab: Lab, tmp_path: Path, request: pytest.FixtureRequest, server: str) -> None:
+    if server == "sim_server":
+        flight = simulated(lab, tmp_path, vehicle="brushless")
+    else:
+        flight = request.getfixturevalue("over_udp")(vehicle="brushless")
     told: list[Any] = lab.watch(interfaces.status_topic(Status), "cf231")
     flight.fly("arming")
     armed = [bool(status.supervisor_info & Status.SUPERVISOR_INFO_IS_ARMED) for status in told]

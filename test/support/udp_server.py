@@ -128,8 +128,9 @@ exec {os.environ["CRAZYSWARM2_PYTHON"]} -u -m crazyflie_server_py.crazyflie_serv
         self.running.stop(signal.SIGKILL)
 
     def power_cycle(self, index: int = 0) -> None:
-        """Switch a drone off, and on where it is."""
+        """Switch a drone off and, a second later, as by hand, on where it is."""
         self.drones.switch_off(index)
+        self._lab.listen(1.0)
         self.drones.switch_on(index)
 
     def mode(self, robot: str = "cf1") -> Mode | None:
