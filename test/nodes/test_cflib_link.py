@@ -27,6 +27,7 @@ from flatsat_ros.sim.fleet import SimulatedFleet
 pytest.importorskip("cflib", reason="the bridge is an extra")
 
 from cflib.crtp import radiodriver
+from usb._interop import as_array
 
 from flatsat_ros.nodes import cflib_link, cflib_sender
 from flatsat_ros.nodes.cflib_bridge import CflibBridge
@@ -88,6 +89,21 @@ def test_the_newest_set_point_takes_the_place_of_what_says_nothing() -> None:
     time.sleep(0.03)
     assert turn(ECHO) == bytes([0x6D]) + struct.pack("<B7f", 8, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0)
     assert turn(ECHO) == bytes(ECHO)
+
+
+def test_cflibs_own_dongle_opens_a_late_packet_as_it_writes_it() -> None:
+    """In the place of the USB device is what pyusb does first with what it shall write."""
+    opened: list[str] = []
+    written: list[bytes] = []
+    dongle = object.__new__(radiodriver.Crazyradio)
+    dongle.devid, dongle.current_address, dongle.current_channel = 0, None, 2
+    dongle.handle = SimpleNamespace(
+        write=lambda endpoint, data, timeout: written.append(bytes(as_array(data))), read=lambda *_, **__: [1]
+    )
+    packet = cflib_link._LatePacket(lambda: opened.append("once") or [0x30, 1, 2])
+    assert opened == []
+    assert dongle.send_packet(packet).ack
+    assert (written, list(packet), opened) == ([bytes([0x30, 1, 2])], [0x30, 1, 2], ["once"])
 
 
 class SharedDongle:
