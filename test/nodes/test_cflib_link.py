@@ -100,7 +100,7 @@ def test_cflibs_own_dongle_opens_a_late_packet_as_it_writes_it() -> None:
     dongle.handle = SimpleNamespace(
         write=lambda endpoint, data, timeout: written.append(bytes(as_array(data))), read=lambda *_, **__: [1]
     )
-    packet = cflib_link._LatePacket(lambda: opened.append("once") or [0x30, 1, 2])
+    packet = cflib_sender._LatePacket(lambda: opened.append("once") or [0x30, 1, 2])
     assert opened == []
     assert dongle.send_packet(packet).ack
     assert (written, list(packet), opened) == ([bytes([0x30, 1, 2])], [0x30, 1, 2], ["once"])
