@@ -82,19 +82,19 @@ def _asked(arguments: argparse.Namespace, most: int) -> tuple[int, float, int, i
 def _collect(
     results: Generator[Result],
     take: Callable[[Result], tuple[int, int]],
-    text: Callable[[float], str],
+    text: Callable[[float, bool], str],
     runs: int,
     seconds: float,
     unit: str,
 ) -> None:
     """Take in results until there are enough runs or the time is over, and print what they came to.
 
-    That is printed before worker processes end what they have begun, and on Ctrl-C too.
+    On Ctrl-C what there is so far is printed, too.
 
     Args:
         results: of the workers.
         take: counts one in; returns how many runs it is, and how many violations there are so far.
-        text: the report, after so many seconds.
+        text: the report, after so many seconds, and whether it was not stopped: what takes long may then be in it.
         runs: enough of them.
         seconds: s.
         unit: what is counted.
@@ -114,9 +114,9 @@ def _collect(
                         break
         except KeyboardInterrupt:
             if done:
-                print(text(time.monotonic() - began), flush=True)
+                print(text(time.monotonic() - began, False), flush=True)
             raise
-        print(text(time.monotonic() - began), flush=True)
+        print(text(time.monotonic() - began, True), flush=True)
 
 
 def _attack(arguments: argparse.Namespace) -> int:
@@ -168,13 +168,11 @@ def _fly_plans(arguments: argparse.Namespace) -> int:
         return one.flights, sum(each.breaches for _, each in attacks)
 
     results = results_of(partial(made, plans=plans, certificate=certificate), tasks(len(plans), seed), workers)
-    _collect(results, take, partial(report, attacks), runs, seconds, "flights")
+    _collect(results, take, lambda elapsed, _: report(attacks, elapsed), runs, seconds, "flights")
     return 1 if any(one.breaches for _, one in attacks) else 0
 
 
 def _fly(arguments: argparse.Namespace) -> int:
-    from functools import partial
-
     from flatsat_ros.falsification.campaigns import CAMPAIGNS, RUNS, Outcome
     from flatsat_ros.falsification.certificates import synthesized_for
     from flatsat_ros.falsification.report import Tally
@@ -191,7 +189,8 @@ def _fly(arguments: argparse.Namespace) -> int:
         return RUNS, len(tally.violations)
 
     results = run_batches(batches, pool, arguments.sabotage, workers)
-    _collect(results, take, partial(tally.text, sabotage=arguments.sabotage), len(batches) * RUNS, seconds, "runs")
+    total = len(batches) * RUNS
+    _collect(results, take, lambda elapsed, _: tally.text(elapsed, arguments.sabotage), total, seconds, "runs")
     return 1 if tally.violations else 0
 
 

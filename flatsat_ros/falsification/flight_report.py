@@ -46,13 +46,14 @@ class FlightTally:
             if key not in self.best or one.ratio > self.best[key].ratio:
                 self.best[key] = one
 
-    def text(self, certificate: Certificate, name: str, seconds: float) -> str:
+    def text(self, certificate: Certificate, name: str, seconds: float, thorough: bool) -> str:
         """Return the report.
 
         Args:
             certificate: that was attacked.
             name: by which it was given, a name or a path.
             seconds: that the runs took.
+            thorough: with the tubes for gains that rest, whose proof takes seconds.
         """
         flight = section_of(certificate)
         rate = f"{self.runs / seconds:.0f} a second"
@@ -69,7 +70,7 @@ class FlightTally:
         lines += ["exact: over what no input can exceed on this plant at this gain"]
         for axis, part in enumerate(flight.axes):
             found = self.best.get((axis, 0, 0))
-            if found is not None:
+            if found is not None and thorough:
                 tube = box_tube(
                     part.design, part.box, part.cuts, found.gain, found.gain, flight.assumptions, part.lag_varies
                 )

@@ -22,7 +22,7 @@ Result = TypeVar("Result")
 
 
 def results_of(work: Callable[[Item], Result], items: Iterable[Item], workers: int) -> Generator[Result]:
-    """Yield what the work on the items comes to, in their order; what has not begun is dropped with the generator.
+    """Yield what the work on the items comes to, in their order; what is not done is dropped with the generator.
 
     Args:
         work: a function of a module, or a partial of one: worker processes import it.
@@ -38,19 +38,25 @@ def results_of(work: Callable[[Item], Result], items: Iterable[Item], workers: i
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # one core for each worker, not for each matrix product
     context = multiprocessing.get_context("spawn")
     executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with_the_parent)
-    remaining, submitted = iter(items), deque[Future[Result]]()
+    remaining, submitted, complete = iter(items), deque[Future[Result]](), False
+    others = multiprocessing.active_children()
     try:
         while True:
             for item in islice(remaining, 2 * workers - len(submitted)):
                 with _deaf():
                     submitted.append(executor.submit(work, item))
             if not submitted:
+                complete = True
                 return
             yield submitted.popleft().result()
     except BrokenProcessPool as error:
         raise FlatsatError("a worker process died: was there enough memory for all --workers?") from error
     finally:
         with signals_held():
+            if not complete:  # nobody wants to wait for a piece that may take a minute
+                for process in multiprocessing.active_children():
+                    if process not in others:
+                        process.terminate()
             executor.shutdown(cancel_futures=True)
 
 

@@ -221,10 +221,12 @@ def test_the_report_says_how_near_the_runs_came(certificate: Certificate, flown:
     tally = FlightTally()
     for outcome in flown:
         tally.add(outcome)
-    report = tally.text(certificate, "small", 2.0)
+    report = tally.text(certificate, "small", 2.0, True)
     assert report.startswith("certificate 'small': 240 runs of 125 periods in 2.0 s, 120 a second\n")
     assert "gain that rests: horizontal position" in report
+    assert "horizontal tube for gains that rest at" in report
     assert report.endswith("no claim failed")
+    assert "horizontal tube for" not in tally.text(certificate, "small", 2.0, False)
 
 
 def test_what_is_not_claimed_is_not_attacked() -> None:
