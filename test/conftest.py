@@ -49,7 +49,7 @@ class _Groups(LoadScopeScheduling):  # type: ignore[misc]
 
 @functools.cache
 def _starts_processes(file: str) -> bool:
-    """Whether the tests of a file do, unless it is marked as one whose tests do not."""
+    """Whether the tests of a file start nodes as processes, unless it is marked as one whose tests do not."""
     belongs = file.startswith(("test/nodes/", "test/cli/"))
     return belongs and "mark.in_process" not in (TEST.parent / file).read_text(encoding="utf-8")
 

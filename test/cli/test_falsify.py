@@ -8,6 +8,8 @@ import pytest
 
 from flatsat_ros.cli.falsify import main
 
+pytestmark = pytest.mark.in_process
+
 QUICK = ["--campaign", "hold", "--workers", "1"]
 
 

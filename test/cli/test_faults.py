@@ -11,6 +11,8 @@ import pytest
 from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE
 from flatsat_ros.cli.faults import main
 
+pytestmark = pytest.mark.in_process
+
 KEYS = {"fault", "phase", "passed", "accepted", "impact_m_s", "distance_m", "said", "seed", "certificate"}
 
 

@@ -8,6 +8,8 @@ import pytest
 
 from flatsat_ros.cli.synthesize import main
 
+pytestmark = pytest.mark.in_process
+
 
 @pytest.mark.parametrize(
     ("arguments", "text"),

@@ -148,6 +148,7 @@ class Lab:
         self._processes: list[Process] = []
         self._publishers: dict[str, Any] = {}
         self._clients: dict[str, AsyncParameterClient] = {}
+        self._flown: set[str] = set()  # by a controller
         self._linked: set[str] = set()
         self._services: dict[tuple[type[Any], str], Any] = {}
         self._context = rclpy.Context()
@@ -283,17 +284,15 @@ class Lab:
 
     def _wait_for_link(self, robot: str) -> None:
         """Wait until somebody else listens to a robot's commands."""
-        name = interfaces.COMMAND.of(robot)
-
-        def is_heard() -> bool:
-            listeners = {info.node_name for info in self.node.get_subscriptions_info_by_topic(name)}
-            return bool(listeners - {self.node.get_name()})
-
-        self.wait(is_heard, f"{robot} to listen to its commands")
+        self.wait(lambda: self._is_heard(robot), f"{robot} to listen to its commands")
         if robot not in self._linked:
-            self._linked.add(robot)
+            self._linked |= {other for other in {robot, *self._flown} if self._is_heard(other)}
             # we know the listener; the controller may not yet, and would have to unlock it a second time
             self.listen(0.7)
+
+    def _is_heard(self, robot: str) -> bool:
+        listeners = {info.node_name for info in self.node.get_subscriptions_info_by_topic(interfaces.COMMAND.of(robot))}
+        return bool(listeners - {self.node.get_name()})
 
     def set_parameters(self, values: dict[str, object], *, atomically: bool = False) -> list[tuple[bool, str]]:
         """Set parameters of the controller through its services; return (successful, reason) of each, or of all."""
@@ -346,6 +345,7 @@ class Lab:
 
     def fly(self, *robots: str, **parameters: object) -> Process:
         """Start the controller for these robots; poses may be as late as it bears, for the stalls of a busy machine."""
+        self._flown.update(robots)
         patient = {"robot_names": list(robots), "pose_timeout": PREDICTION_MAX, "certificate": "paper_experiment"}
         return self.start("controller", **{**patient, **parameters})
 

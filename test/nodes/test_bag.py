@@ -21,6 +21,8 @@ from flatsat_ros.nodes.ros import messages
 from flatsat_ros.nodes.ros.bag import Recorded, read_bag, write_bag
 from flatsat_ros.viewing.bag import POSE_READERS
 
+pytestmark = pytest.mark.in_process
+
 KIND = "geometry_msgs/msg/PoseStamped"
 
 

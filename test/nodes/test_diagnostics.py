@@ -6,8 +6,12 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
+import pytest
+
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.diagnostics import PERIOD, Diagnostics, Level, Report
+
+pytestmark = pytest.mark.in_process
 
 NOW = 1_500_000_000  # ns
 

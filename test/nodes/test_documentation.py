@@ -26,6 +26,8 @@ from flatsat_ros.nodes.server_parameters import FIRMWARE
 from flatsat_ros.nodes.sim_drone import SimDrone
 from flatsat_ros.nodes.sim_server import SimServer
 
+pytestmark = pytest.mark.in_process
+
 NODES = {
     "controller": ControllerNode,
     "sim_drone": SimDrone,

@@ -14,6 +14,8 @@ from flatsat_ros.nodes import crazyswarm
 from flatsat_ros.nodes.crazyswarm import DroneLink
 from flatsat_ros.nodes.ros.faults import Faults
 
+pytestmark = pytest.mark.in_process
+
 OFFERED = {
     "/cf1/arm": ["crazyflie_interfaces/srv/Arm"],
     "/cf1/notify_setpoints_stop": ["crazyflie_interfaces/srv/NotifySetpointsStop"],

@@ -15,6 +15,8 @@ from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.nodes.fault_relay import COMMAND_FAULTS, POSE_FAULTS, FaultRelay
 from flatsat_ros.nodes.ros import messages
 
+pytestmark = pytest.mark.in_process
+
 SETPOINT = WireSetpoint(1.0, 2.0, 3.0, 40000.0)
 
 

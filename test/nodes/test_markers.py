@@ -16,6 +16,8 @@ from flatsat_ros.nodes.markers import Markers, _edges
 from flatsat_ros.nodes.ros import interfaces
 from test.support.room import Room
 
+pytestmark = pytest.mark.in_process
+
 
 @pytest.fixture
 def room() -> Iterator[Room]:

@@ -16,6 +16,8 @@ from std_srvs.srv import SetBool, Trigger
 import flatsat_ros
 from flatsat_ros.nodes.ros import interfaces
 
+pytestmark = pytest.mark.in_process
+
 TOPICS = (interfaces.POSE, interfaces.TRAJECTORY, interfaces.COMMAND, interfaces.BATTERY, interfaces.TELEMETRY)
 KINDS = [
     *(topic.kind for topic in TOPICS),

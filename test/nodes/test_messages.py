@@ -18,6 +18,8 @@ from flatsat_ros.crazyflie.wire import Backend, WireSetpoint, setpoint_from_comm
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.nodes.ros import messages
 
+pytestmark = pytest.mark.in_process
+
 NUMBERS = st.floats(allow_nan=False)
 STAMPS = st.integers(0, 2**31 * messages.NANOSECONDS - 1)
 

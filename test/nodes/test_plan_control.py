@@ -16,6 +16,8 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.plans import Bounds, Curve, Plan, PlannedDrone, Tube
 from test.support.room import Room
 
+pytestmark = pytest.mark.in_process
+
 PLACES = ((0.0, 0.0, 0.8), (1.0, 0.0, 0.8))
 
 
