@@ -26,6 +26,8 @@ _LANDING_SPEED = 0.4
 _LANDING_DEPTH = 2.0
 # below this height over its ground, m, a drone only climbs
 _NEAR_GROUND = 0.2
+# there, one that is no faster than this, m/s, stands
+_STANDING_SPEED = 0.1
 # a drone hangs below its reference from this error on, m, until it is below the second
 _HANGS = 0.10
 _HANGS_NO_MORE = 0.05
@@ -145,8 +147,7 @@ class Guidance:
         """
         motion = self.references.motion(index, now)
         if state is not None:
-            motion = np.zeros((4, 3))
-            motion[:2] = state.reshape(2, 3)
+            motion = self._motion(index, state)
         landing = goal is None
         return self._path(index, motion, self._below(index, motion) if goal is None else goal, now, landing=landing)
 
@@ -193,9 +194,8 @@ class Guidance:
         Returns:
             How far away its trajectory is, m, if it is too far to be followed: then it brakes; else 0.
         """
-        motion = np.zeros((4, 3))
-        speed = max(float(np.linalg.norm(state[3:])) / self._path_limits.speed, 1.0)
-        motion[0], motion[1] = state[:3], state[3:] / speed
+        motion = self._motion(index, state)
+        motion[1] /= max(float(np.linalg.norm(motion[1])) / self._path_limits.speed, 1.0)
         if self._goals[index] is None:
             away = float(np.linalg.norm(self.references.motion(index, now)[0] - state[:3]))
             if away <= _FAR:
@@ -203,8 +203,19 @@ class Guidance:
             self._goals[index] = _BRAKE.copy()
             self._plan(index, motion, now)
             return away
+        # a drone near the ground only climbs; a goal that is where it comes to rest is found on the whole way
+        if self.goal(index) is not None:
+            self._waiting[index] = state[2] - self.ground[index] < _NEAR_GROUND
         self._plan(index, motion, now)
         return 0.0
+
+    def _motion(self, index: int, state: FloatArray) -> FloatArray:
+        """Return the motion (4, 3) of drone index with a state (6,); the speed of one that stands is noise."""
+        motion = np.zeros((4, 3))
+        motion[0] = state[:3]
+        if state[2] - self.ground[index] >= _NEAR_GROUND or np.abs(state[3:]).max() > _STANDING_SPEED:
+            motion[1] = state[3:]
+        return motion
 
     def replan(self, index: int, now: float) -> None:
         """Lead the reference of drone index from its present motion to its goal."""

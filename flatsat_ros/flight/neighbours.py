@@ -136,6 +136,12 @@ class Neighbours:
             own = np.where(self.usable[:, np.newaxis], own, np.nan)
         return np.concatenate([own, self.seen]) if self.seen.size else own
 
+    def place(self, index: int) -> FloatArray:
+        """Return where a robot was measured last, (3,) m, NaN for unknown."""
+        if index >= self.count:
+            return np.asarray(self.seen[index - self.count])
+        return self.state[index, :3] if self.usable[index] else np.full(3, np.nan)
+
     def aloft(self) -> np.ndarray:
         """Tell who is in the air, (N + M,): by the mode and well above its ground, others by their height."""
         high = self.state[:, 2] - self._guidance.ground >= STANDING_HEIGHT
@@ -144,7 +150,7 @@ class Neighbours:
 
     def is_high(self, index: int) -> bool:
         """Tell whether a robot is measured so high that it does not stand."""
-        return bool(self.places()[index, 2] >= self._standing)
+        return bool(self.place(index)[2] >= self._standing)
 
     def presence(self, index: int) -> Presence | None:
         """Return where a robot is from now on; None if nothing is known of it."""
@@ -152,7 +158,7 @@ class Neighbours:
         track = self._tracks[index] if mode is Mode.FLY else None
         if track is not None:
             return Presence(track, IN_THE_AIR, bool(self._guidance.references.at_rest[index]))
-        place = self.places()[index]
+        place = self.place(index)
         if np.isnan(place).any():
             return None
         in_the_air = mode in AIRBORNE or bool(place[2] >= self._standing)
@@ -237,7 +243,7 @@ class Neighbours:
         goal = self._guidance.goal(index) if own and self._supervisor.requested[index] else None
         if goal is not None and mode not in AIRBORNE:
             ends.append(End(goal, IN_THE_AIR, "goes"))
-        place = self.places()[index]
+        place = self.place(index)
         in_the_air = mode in AIRBORNE or bool(place[2] >= self._standing)
         if np.isnan(place).any() or (in_the_air and own and mode is Mode.IDLE):
             return ends  # somebody else flies it, who knows where

@@ -196,6 +196,8 @@ def _straight(
     motion: FloatArray, goal: FloatArray, limits: PathLimits, acceleration: float, walls: _Walls
 ) -> tuple[float, _Part]:
     """Return the path to a goal without a rest on the way, and by how much it exceeds its limits."""
+    if not motion[1:].any() and not (np.abs(np.nan_to_num(goal - motion[0])) >= _STILL).any():  # it is there, at rest
+        return 0.0, _Part(np.zeros(0), _constant(motion[0]))
     lengths: list[float] = []
     pieces: list[FloatArray] = []
     change = _change(motion, goal, limits, acceleration, walls)

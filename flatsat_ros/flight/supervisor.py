@@ -17,6 +17,8 @@ from flatsat_ros.flight.policy import Policy
 _FLY = Mode.FLY.value
 # what a drone flew level without poses counts with its next loss, less this share of the time between them
 _FORGOTTEN = 0.2
+# so many flights begin at one tick: each needs a path, whose computing takes a tenth of a period
+_STARTS = 4
 # poses are steady when all have been usable for this long, s
 _STEADY_TIME = 0.5
 
@@ -160,6 +162,7 @@ class Supervisor:
         flies = (self.mode == _FLY) & sight.usable
         if np.count_nonzero(flies) == flies.size and not any(map(np.count_nonzero, events)):
             return tuple(made)
+        starts = 0
         for index in map(int, np.flatnonzero(~flies | np.any(events, axis=0))):
             before = Mode(self.mode[index])
             seen = self._usable_since[index] = min(now, self._usable_since[index]) if sight.usable[index] else np.inf
@@ -182,6 +185,9 @@ class Supervisor:
                 grounded=bool(sight.grounded[index]),
             )
             after, event = next_mode(before, situation)
+            if event is Event.UNLOCKED_TO_FLY and starts == _STARTS:
+                continue  # at the next tick
+            starts += event is Event.UNLOCKED_TO_FLY
             self.unlocking[index] &= after is Mode.UNLOCK
             if event is not None:
                 self._enter(index, event, after, now)

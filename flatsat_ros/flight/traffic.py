@@ -276,6 +276,8 @@ class Traffic:
             if other != index and other in self._waiting.goals:
                 ends.append((self._waiting.goals[other], IN_THE_AIR, "waits to go"))
             for place, scale, does in ends:
+                if max(abs(goal[0] - place[0]), abs(goal[1] - place[1])) >= there.required:
+                    continue
                 apart = math.dist(goal * scale, place * scale)
                 if apart < there.required:
                     raise refusal(f"distance of the goal from where {name} {does}", round(apart, 2), "m", there.valid)

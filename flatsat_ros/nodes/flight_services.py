@@ -25,6 +25,7 @@ class FlightServices:
         actions: Mapping[str, Callable[[int], str | None]],
         arm: Callable[[int, bool], str | None],
         log: FlightLog,
+        breathe: Callable[[], None],
     ) -> None:
         """Offer the services.
 
@@ -35,8 +36,9 @@ class FlightServices:
                 there is to say; raises FlatsatError to refuse.
             arm: arms (True) or disarms one drone in the same manner.
             log: tells of what is refused.
+            breathe: does what cannot wait until many drones have been asked.
         """
-        self._node, self._robots, self._log = node, list(robots), log
+        self._node, self._robots, self._log, self._breathe = node, list(robots), log, breathe
         for robot in (*robots, interfaces.ALL):
             indices = range(len(self._robots)) if robot == interfaces.ALL else [self._robots.index(robot)]
             for name in interfaces.TRIGGERS:
@@ -61,6 +63,7 @@ class FlightServices:
         refused, done = [], []
         for index in indices:
             robot = self._robots[index]
+            self._breathe()
             try:
                 done.append(act(index))
             except FlatsatError as error:

@@ -537,6 +537,20 @@ def test_a_drone_that_was_unlocked_high_up_and_is_off_its_place_is_never_cut(goa
     assert modes(ticks[1:]) == [Mode.FLY]
 
 
+def test_of_many_drones_that_take_off_at_once_a_few_set_out_at_each_tick() -> None:
+    world = World(11)
+    world.fly(0.5)
+    for index in range(11):
+        world.x[index, 1] = index
+    world.fly(0.5)
+    for index in range(11):
+        world.pilot.take_off(index, 0.5)
+    flying = [int((tick.mode == Mode.FLY).sum()) for tick in world.fly(5.0)]
+    begun = [after - before for before, after in zip([0, *flying], flying, strict=False) if after != before]
+    assert begun == [4, 4, 3]
+    assert (np.abs(world.x[:, 2] - 0.5) < 0.05).all()
+
+
 def test_a_drone_that_has_lifted_off_is_never_cut_however_long_it_asks_for_more() -> None:
     world = World()
     world.fly(0.5)

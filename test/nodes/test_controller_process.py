@@ -441,6 +441,25 @@ def test_a_request_that_fails_for_one_drone_is_done_for_the_others(
     assert "cf2: the drone itself was not asked" in answer.message
 
 
+@pytest.mark.parametrize("periods", [0, 1, 3])
+def test_what_takes_long_for_many_drones_does_not_keep_a_tick_from_coming(
+    room: Callable[..., Room], monkeypatch: pytest.MonkeyPatch, periods: int
+) -> None:
+    lab, ticks = room(), []
+    lab.run(0.5)
+
+    def arm(_: bool) -> str:
+        lab._ticks += periods
+        return ""
+
+    for link in lab.node._links:
+        monkeypatch.setattr(link, "arm", arm)
+    on_tick = lab.node._on_tick
+    monkeypatch.setattr(lab.node, "_on_tick", lambda: ticks.append(on_tick()))
+    assert lab.ask("all/flatsat/arm", SetBool, data=True).success
+    assert len(ticks) == (periods > 0), "before the second drone is armed"
+
+
 def test_ticks_go_on_while_the_time_of_a_simulation_jumps_or_stands(monkeypatch: pytest.MonkeyPatch) -> None:
     from builtin_interfaces.msg import Time
     from rosgraph_msgs.msg import Clock
