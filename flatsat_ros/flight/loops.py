@@ -155,6 +155,7 @@ class PredictedLoop:
         self._preview = Preview(references, horizontal, vertical)
         self._monitors = Monitors(flight, self._most, references)
         self._feedback = -certificate.matrix[:, 3:]
+        self._second = horizontal.model.frequency > 0.0 or vertical.model.frequency > 0.0
         self._tubes = np.array([flight.horizontal.tube.position, flight.vertical.tube.position])
         self._now, self._steady = 0.0, False  # whether all drones were steered at the last tick
         self._needed, self._reference = np.zeros((count, 3)), np.zeros((count, 9))
@@ -186,7 +187,8 @@ class PredictedLoop:
         base[:, 6:] = self._needed - disturbance
         if np.abs(base[:, 6:]).max() > self._inside:  # drag and lag may need more than the acceleration itself
             base[:, 6:] = self._limits.saturate(base[:, 6:])
-        return Aim(state + predictor.ahead(reference), base, self._error, disturbance)
+        jerk = self._references.jerk(now) if self._second else None
+        return Aim(state + predictor.ahead(reference, jerk), base, self._error, disturbance)
 
     def assess(self, output: Output, acceleration: FloatArray, flying: np.ndarray) -> Assessment:
         """Return where the drones are in their tubes."""

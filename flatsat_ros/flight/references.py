@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.flight.trajectory import SIZE, Trajectory, evaluate
+from flatsat_ros.flight.trajectory import SIZE, Trajectory, evaluate, jerks
 
 _NOBODY = np.zeros(0, dtype=int)
 
@@ -90,6 +90,10 @@ class References:
         if np.count_nonzero(self.at_rest) == self.at_rest.size:
             return self._resting.copy()
         return evaluate(self._present.coefficients, t - self._present.origin)
+
+    def jerk(self, t: float) -> FloatArray:
+        """Return the jerk of all references, (N, 3) m/s^3, at the time t that was sampled last."""
+        return jerks(self._present.coefficients, t - self._present.origin)
 
     def cursor(self) -> Cursor:
         """Return a cursor of somebody who looks at other times; to be moved by `seek` alone."""

@@ -243,6 +243,12 @@ def evaluate(coefficients: FloatArray, t: FloatArray) -> FloatArray:
     return np.asarray((basis @ coefficients).reshape(len(t), 9))
 
 
+def jerks(coefficients: FloatArray, t: FloatArray) -> FloatArray:
+    """Return the jerk of N polynomials, (N, 3) m/s^3; the arguments are those of `evaluate`."""
+    powers = np.power(t[:, np.newaxis], _POWERS[:-3]) * _THIRD
+    return np.asarray((powers[:, np.newaxis] @ coefficients[:, 3:])[:, 0])
+
+
 def _at_rest(position: FloatArray) -> FloatArray:
     coefficients = np.zeros((1, SIZE, 3))
     coefficients[0, 0] = position

@@ -24,6 +24,10 @@ from flatsat_ros.falsification.exact_drones import ExactDrones, draw_plants
 from flatsat_ros.falsification.flight import Outcome, attack
 from flatsat_ros.falsification.flight_claims import Found
 from flatsat_ros.falsification.flight_report import FlightTally, exact_at
+from flatsat_ros.flight.pilot import Pilot
+from flatsat_ros.flight.policy import GoalMode, Policy
+from flatsat_ros.flight.trajectory import Trajectory
+from flatsat_ros.law.gain import Tuning
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis.flight_design import ideal_block
 
@@ -232,3 +236,29 @@ def test_the_report_says_how_near_the_runs_came(certificate: Certificate, flown:
 def test_what_is_not_claimed_is_not_attacked() -> None:
     with pytest.raises(FlatsatError, match="claims no tubes to attack"):
         attack(0, Certificate.from_document(read_yaml(config_path("cf21_50hz"))))
+
+
+def test_attitudes_of_second_order_follow_a_reference_of_constant_jerk(certificate: Certificate) -> None:
+    model = Plant(0.04, frequency=16.0, damping=0.55)
+    design = Design.predicting(PERIOD, model, (0.3, 2.6, 7.0), 20.0, 10.0)
+    axis = Axis(Box(model, model), False, design, ("",), NONE, BACK)
+    rate, block = ideal_block(20.0, 10.0)
+    flight = replace(section(certificate), horizontal=axis, vertical=axis)
+    second = replace(certificate, rate=rate, block=block, block_vertical=None, flight=flight)
+    pilot = Pilot(second, Tuning(0.0, 1.0, 1.0, GAIN_MAX), Policy(goal_mode=GoalMode.STEP), 1)
+    drones = ExactDrones([[model], [model]], PERIOD, PERIOD, np.array([[0.0, 0.0, 1.0]]))
+    drones.choose(np.zeros((2, 1), dtype=int))
+    jerk = np.zeros((1, 8, 3))
+    jerk[0, 0], jerk[0, 3] = (0.0, 0.0, 1.0), (0.1, 0.0, 0.0)  # 0.6 m/s^3
+    away = 0.0
+    for number in range(200):
+        now = PERIOD * number
+        pilot.measure(0, now, drones.position[0].tolist(), [0.0, 0.0, 0.0, 1.0], now)
+        if number == 2:
+            pilot.set_reference(0, Trajectory(np.array([2.0, 4.2]), jerk))
+        tick = pilot.tick(now)
+        if now > 3.0:  # when it has forgotten that the jerk began at once
+            away = max(away, float(np.abs(drones.position - tick.reference[:, :3]).max()))
+        if number > 50:  # until then something holds it
+            drones.advance(tick.output.acceleration, *np.zeros((3, 1, 3)))
+    assert away < 1e-4
