@@ -36,7 +36,8 @@ def _parser() -> shell.Parser:
     )
     parser.add_argument(
         "file", nargs="?", type=shell.path, metavar="FILE",
-        help="way-points: .csv with columns x,y,z[,yaw][,t][,radius] for one drone, .yaml for many, .json for missions",
+        help="way-points: .csv with columns x,y,z[,yaw][,t][,radius], or crazyswarm's polynomials, for one drone; "
+        ".yaml for many, .json for missions",
     )  # fmt: skip
     parser.add_argument("--output", type=shell.path, metavar="FILE", help="plan to write; without it none is written")
     parser.add_argument(
@@ -125,6 +126,8 @@ def _plan(arguments: argparse.Namespace) -> None:
         found.save(output)
     print(f"plan {found.name} for certificate {found.certificate}: proved with integers, for all times")
     _tell(found)
+    if "polynomials" in found.provenance:
+        print(f"  polynomials {found.provenance['polynomials']}")
     print(f"  written to {output}" if output is not None else "  not written: give --output FILE")
 
 

@@ -7,23 +7,20 @@ when the exact proof succeeds. From there the duration is brought toward the bou
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from fractions import Fraction
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray, IntArray
+from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.planning.mission import Mission
 from flatsat_ros.planning.planner import Round
+from flatsat_ros.planning.proof import broken_limit, retimed
 from flatsat_ros.planning.reference import shapes_of, shortest, shortest_legs, smoothest, spans_of
 from flatsat_ros.planning.search import Search, Swarm
 from flatsat_ros.planning.shapes import Shapes
-from flatsat_ros.plans import Closest, Curve, closest
-from flatsat_ros.plans.curve import UNIT
-from flatsat_ros.plans.separation import closest_to_boxes
+from flatsat_ros.plans import Curve
 
 _LEG = 8  # spans of a leg in a swarm, at least: it needs room for detours
 _UNITS = 64  # legs' durations in proportion: the longest has so many units in each span
@@ -51,7 +48,9 @@ def rounds(mission: Mission, late: Callable[[], bool]) -> Iterator[Round]:
     Raises:
         FlatsatError: what is asked cannot be planned.
     """
-    if mission.times is not None:
+    if mission.is_given:
+        yield retimed(mission)
+    elif mission.times is not None:
         yield _timed(mission, late)
     elif len(mission.drones) == 1 and not mission.obstacles:
         yield _alone(mission)
@@ -71,7 +70,7 @@ def _alone(mission: Mission) -> Round:
         points = smoothest(shapes, drone, float(shapes.lengths.sum()) / 1e6, mission.limits, mission.bounds)
         if points is not None:
             curves = (_curve(shapes, points, 1),)
-            if _broken(mission, curves) is None:
+            if broken_limit(mission, curves) is None:
                 return Round(curves, curves[0].duration, bound)
     raise _no_way(drone.name, mission)
 
@@ -91,12 +90,12 @@ def _timed(mission: Mission, late: Callable[[], bool]) -> Round:
             smooth = (_curve(shapes, shapes.fixed @ drone.waypoints, 1),)
             raise FlatsatError(
                 f"times of way-points of {drone.name}: must be at least {factor:.3f} times as long; the smoothest "
-                f"reference through them breaks {_broken(mission, smooth) or 'nothing, but there is a better one'}"
+                f"reference through them breaks {broken_limit(mission, smooth) or 'nothing, but there is a better one'}"
             )
     if len(mission.drones) == 1 and not mission.obstacles:
         points = smoothest(shapes, mission.drones[0], duration, mission.limits, mission.bounds)
         curves = None if points is None else (_curve(shapes, points, 1),)
-        broken = "the solver finds none" if curves is None else _broken(mission, curves)
+        broken = "the solver finds none" if curves is None else broken_limit(mission, curves)
         if curves is not None and broken is None:
             return Round(curves, duration)
     else:
@@ -156,6 +155,8 @@ def bound_of(mission: Mission) -> float:
     Raises:
         FlatsatError: a drone alone has no reference.
     """
+    if mission.is_given:
+        raise FlatsatError("polynomials are only slowed down: larger bounds make no plan shorter")
     if len(mission.drones) > 1 or mission.obstacles:
         return _bound(mission, _shapes(mission))
     found = shortest_legs(mission.drones[0], mission.limits, mission.bounds)
@@ -192,45 +193,10 @@ def _settled(
         if not seems_kept and stage + 1 < _STAGES:
             continue
         curves = tuple(_curve(shapes, points, unit) for points in search.points(modes))
-        broken = _broken(mission, curves)
+        broken = broken_limit(mission, curves)
         if broken is None:
             return curves, modes, None
     return None, modes, broken
-
-
-def _broken(mission: Mission, curves: tuple[Curve, ...]) -> str | None:
-    """Prove with integers what is asked of the references; return what cannot be proved, or None."""
-    for drone, curve in zip(mission.drones, curves, strict=False):
-        for claim in mission.bounds.claims(curve, mission.limits):
-            if claim.slack < 0.0:
-                return f"{drone.name}: {claim.name} by {-claim.slack:.4g} {claim.unit} at about t = {claim.time:.4g} s"
-    names = [drone.name for drone in mission.drones]
-    return _too_near(
-        [(names[i], names[j], _asked(mission, i, j)) for i, j in itertools.combinations(range(len(curves)), 2)],
-        lambda goals: closest(curves, mission.downwash, goals),
-    ) or _too_near(
-        [(name, box.name, _asked(mission, i)) for i, name in enumerate(names) for box in mission.obstacles],
-        lambda goals: closest_to_boxes(curves, mission.obstacles, mission.downwash, goals),
-    )  # fmt: skip
-
-
-def _too_near(pairs: Sequence[tuple[str, str, Fraction]], proved: Callable[[IntArray | None], Closest]) -> str | None:
-    """Prove distances that are asked for, of two names each, m; return the first that cannot be proved, or None."""
-    asked = np.array([math.ceil(distance * UNIT) for *_, distance in pairs], dtype=np.int64)
-    missed = np.flatnonzero(proved(asked).distance < asked)
-    if not missed.size:
-        return None
-    exact, number = proved(None), int(missed[0])
-    return (
-        f"{pairs[number][0]}, {pairs[number][1]}: distance {exact.distance[number] / UNIT:.4g} m at about t = "
-        f"{exact.start[number]:.4g} s, {asked[number] / UNIT:.4g} m are asked for"
-    )
-
-
-def _asked(mission: Mission, *drones: int) -> Fraction:
-    """Return the distance that drones must keep, m, and a bit that the rounding of stated distances takes."""
-    radii = sum(Fraction(mission.drones[i].body) + Fraction(mission.tube.radius) for i in drones)
-    return radii + Fraction(mission.clearance) + Fraction(3, 10**4)
 
 
 def _beginnings(mission: Mission, factor: float) -> Sequence[tuple[float, int, float]]:

@@ -20,6 +20,7 @@ from flatsat_ros.base.files import located, read_text, unreadable
 from flatsat_ros.base.strict_yaml import read_yaml, section
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.planning.mission import Asked, Mission
+from flatsat_ros.planning.polynomials import is_polynomials, read_polynomials
 from flatsat_ros.plans import Bounds, Box, Tube
 from flatsat_ros.plans.tubes import certified_tube, default_bounds, require_margin
 
@@ -117,16 +118,21 @@ def _tube(certificate: Certificate, bounds: Bounds, downwash: float, wishes: Wis
 
 
 def _around(drones: Sequence[Asked]) -> tuple[FloatArray, FloatArray]:
-    """Return a box around all way-points; its floor is at the height of the lowest first one."""
-    places = np.concatenate([drone.waypoints for drone in drones])
+    """Return a box around all way-points; its floor is that of the lowest first one, or the lowest of polynomials."""
+    places = np.concatenate([drone.places for drone in drones])
     lower, upper = places.min(axis=0) - _AROUND, places.max(axis=0) + _AROUND
-    lower[2] = min(float(drone.waypoints[0, 2]) for drone in drones)
+    lower[2] = min(
+        float(drone.waypoints[0, 2] if drone.given is None else drone.places[:, 2].min()) for drone in drones
+    )
     return lower, upper
 
 
 def _from_csv(path: str | os.PathLike[str]) -> _Content:
+    text = read_text(path, _BYTES_MAX)
+    if is_polynomials(text.partition("\n")[0]):
+        return _Content((_following("cf1", path, _BODY),))
     try:
-        rows = list(csv.reader(io.StringIO(read_text(path, _BYTES_MAX))))
+        rows = list(csv.reader(io.StringIO(text)))
     except csv.Error as error:  # line ends or NULs inside of fields, fields without an end
         raise unreadable(path, error) from error
     names = [cell.strip() for cell in rows[0]] if rows else []
@@ -143,6 +149,12 @@ def _from_csv(path: str | os.PathLike[str]) -> _Content:
     times = table.get("t")
     drone = Asked("cf1", np.stack([table[axis] for axis in "xyz"], axis=1), _BODY, float(yaw[0]), table.get("radius"))
     return _Content((drone,), None if times is None else times - times[0])
+
+
+def _following(name: str, path: str | os.PathLike[str], body: float) -> Asked:
+    """Return a drone that follows the polynomials of a file."""
+    curve, yaw = read_polynomials(path)
+    return Asked.following(name, curve, body, yaw)
 
 
 def _numbers(name: str, cells: Sequence[str], count: int) -> list[float]:
@@ -175,9 +187,16 @@ def _from_yaml(path: str | os.PathLike[str]) -> _Content:
     } | document
     values = section("the mission", given, ("drones", "body", "downwash", "times", "box", "obstacles"))
     if not isinstance(values["drones"], dict):
-        raise refusal("drones", values["drones"], "", "a mapping from names to lists of way-points [x, y, z]")
+        raise refusal(
+            "drones",
+            values["drones"],
+            "",
+            "a mapping from names to lists of way-points [x, y, z] or files of polynomials",
+        )
     drones = tuple(
-        Asked(name, finite_array(f"way-points of {name}", places, 3), values["body"])
+        _following(name, Path(path).parent / places, values["body"])
+        if isinstance(places, str)
+        else Asked(name, finite_array(f"way-points of {name}", places, 3), values["body"])
         for name, places in values["drones"].items()
     )
     box = None

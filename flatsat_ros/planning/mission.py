@@ -10,7 +10,7 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import FlatsatError, refusal, require, require_fields, require_not_negative
 from flatsat_ros.law.input_set import InputSet
-from flatsat_ros.plans import Bounds, Box, Tube
+from flatsat_ros.plans import Bounds, Box, Curve, Tube
 from flatsat_ros.plans.obstacles import require_distinct
 from flatsat_ros.plans.plan import require_downwash
 
@@ -27,6 +27,7 @@ class Asked:
         waypoints: (W, 3) m, world frame, W >= 2; the drone rests at the first and at the last.
         body: radius, m, in the downwash metric.
         yaw: held, rad.
+        given: a reference from elsewhere, whose path is kept; its ends are the way-points then.
         radii: (W,) m, within which the way-points are passed; None for all exactly. Start and goal always are.
     """
 
@@ -35,6 +36,17 @@ class Asked:
     body: float = 0.15
     yaw: float = 0.0
     radii: FloatArray | None = None
+    given: Curve | None = None
+
+    @classmethod
+    def following(cls, name: str, given: Curve, body: float, yaw: float = 0.0) -> Asked:
+        """Return a drone that follows a reference from elsewhere."""
+        return cls(name, np.array([given.points[0], given.points[-1]]) * 1e-9, body, yaw, given=given)
+
+    @property
+    def places(self) -> FloatArray:
+        """(K, 3) m, in whose convex hull it is if it goes straight from way-point to way-point, or as given."""
+        return self.waypoints if self.given is None else np.array(self.given.points) * 1e-9
 
     def __post_init__(self) -> None:
         waypoints = finite_array(f"way-points of {self.name}", self.waypoints, 3)
@@ -103,6 +115,8 @@ class Mission:
             require(times.shape == (count,), "number of times", times.shape, "", f"{count}, one for each way-point")
             rising = bool((np.diff(times) > 0.0).all()) and times[0] == 0.0 and times[-1] <= _DURATION
             require(rising, "times of way-points", times.tolist(), "s", f"increasing from 0 to at most {_DURATION:g} s")
+        if len({drone.given is None for drone in self.drones}) > 1 or (self.times is not None and self.is_given):
+            raise FlatsatError("polynomials: must be given for all drones or for none, and without times")
         for drone in self.drones:
             self._require_possible(drone)
             if drone.radii is not None and (len(self.drones) > 1 or self.obstacles):
@@ -110,6 +124,11 @@ class Mission:
         require_distinct(self.obstacles)
         self._require_apart()
         self._require_outside()
+
+    @property
+    def is_given(self) -> bool:
+        """Whether the drones follow references from elsewhere."""
+        return self.drones[0].given is not None
 
     @property
     def waypoints(self) -> FloatArray:

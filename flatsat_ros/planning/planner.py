@@ -9,7 +9,7 @@ from importlib.metadata import version
 
 from flatsat_ros._version import __version__
 from flatsat_ros.base.errors import require_positive
-from flatsat_ros.planning.mission import Mission
+from flatsat_ros.planning.mission import Asked, Mission
 from flatsat_ros.plans import Curve, Plan, PlannedDrone, Waypoint
 
 SECONDS = 20.0  # how long a plan is improved, unless it is said otherwise
@@ -23,11 +23,13 @@ class Round:
         curves: one for each drone.
         duration: s.
         bound: s; no references with these knots in proportion are shorter. None where the times are given.
+        note: what became of polynomials; empty for way-points.
     """
 
     curves: tuple[Curve, ...]
     duration: float
     bound: float | None = None
+    note: str = ""
 
 
 def plan(mission: Mission, seconds: float = SECONDS, progress: Callable[[Round], None] | None = None) -> Plan:
@@ -61,13 +63,14 @@ def plan(mission: Mission, seconds: float = SECONDS, progress: Callable[[Round],
 
 def _finished(mission: Mission, found: Round) -> Plan:
     """Return the plan of a round, with the distances that can be certified."""
-    passed = _passed(mission, found.curves[0])
     drones = [
         PlannedDrone(
             drone.name, curve, drone.body, mission.tube, drone.yaw,
             tuple(
                 Waypoint(knot, *(round(1e9 * value) for value in (*place, radius)))
-                for knot, place, radius in zip(passed, drone.waypoints.tolist(), drone.allowed.tolist(), strict=True)
+                for knot, place, radius in zip(
+                    _passed(drone, curve), drone.waypoints.tolist(), drone.allowed.tolist(), strict=True
+                )
             ),
         )
         for drone, curve in zip(mission.drones, found.curves, strict=True)
@@ -75,6 +78,8 @@ def _finished(mission: Mission, found: Round) -> Plan:
     provenance = {"package": f"flatsat_ros {__version__}", "solver": f"Clarabel {version('clarabel')}"}
     if found.bound is not None:
         provenance["bound"] = f"{found.bound:.6f} s: the slowest drone alone, same limits, same knots in proportion"
+    if found.note:
+        provenance["polynomials"] = found.note
     made = Plan.of(
         drones, name=mission.name, certificate=mission.certificate, limits=mission.limits, bounds=mission.bounds,
         downwash=mission.downwash, clearance=mission.clearance, obstacles=mission.obstacles, provenance=provenance,
@@ -83,7 +88,6 @@ def _finished(mission: Mission, found: Round) -> Plan:
     return made
 
 
-def _passed(mission: Mission, curve: Curve) -> list[int]:
+def _passed(drone: Asked, curve: Curve) -> list[int]:
     """Return the knots, us, at which the way-points are passed: legs have equally many spans."""
-    legs = len(mission.drones[0].waypoints) - 1
-    return list(curve.knots[:: (len(curve.knots) - 1) // legs])
+    return list(curve.knots[:: (len(curve.knots) - 1) // (len(drone.waypoints) - 1)])

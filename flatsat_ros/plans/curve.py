@@ -1,8 +1,10 @@
-"""One drone's reference as a clamped B-spline of degree 5 in whole nanometres and microseconds.
+"""One drone's reference as a clamped B-spline of degree 5 or 7 in whole nanometres and microseconds.
 
-Position to snap are continuous, and integers leave nothing to rounding: what is said about a curve is said about
-exactly these numbers. On every interval between knots the curve is a polynomial, and so are its derivatives; their
-Bezier control points, whose convex hull holds them, are rational combinations of the spline's.
+Inner knots of degree 5 count once, so that position to snap are continuous, and those of degree 7 four times: there the
+snap jumps from polynomial to polynomial, as at rest, within its bound. Integers
+leave nothing to rounding: what is said about a curve is said about exactly these numbers. On every interval between
+knots the curve is a polynomial, and so are its derivatives; their Bezier control points, whose convex hull holds them,
+are rational combinations of the spline's.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from flatsat_ros.flight.trajectory import SIZE, Trajectory
 
 DEGREE = 5
 ORDER = DEGREE + 1  # control points of one span
+DEGREES = (DEGREE, 7)
 AT_REST = 4  # equal control points at an end: velocity, acceleration and jerk are 0 there
 
 NANOMETRE = Fraction(1, 10**9)  # m
@@ -42,7 +45,9 @@ class Curve:
 
     Attributes:
         knots: distinct ones, us, increasing from 0; the curve has one span fewer.
-        points: (spans + 5) control points (x, y, z), nm, world frame; the first four are equal, and the last four.
+        points: (spans + 5) control points (x, y, z), nm, world frame, for degree 7 (4 spans + 4); the first four are
+            equal, and the last four.
+        degree: 5; or 7, of references that come from elsewhere.
 
     Raises:
         FlatsatError: the knots do not increase from 0, the number of control points is another, one lies farther than
@@ -51,16 +56,18 @@ class Curve:
 
     knots: tuple[int, ...]
     points: tuple[tuple[int, int, int], ...]
+    degree: int = DEGREE
 
     def __post_init__(self) -> None:
         knots, points = self.knots, self.points
         increasing = len(knots) > 1 and knots[0] == 0 and all(a < b for a, b in itertools.pairwise(knots))
         require(increasing, "knots", knots, "us", "two or more, increasing from 0")
         require(knots[-1] <= _LONGEST, "the last knot", knots[-1], "us", f"at most {_LONGEST} us, an hour")
-        require(
-            len(points) == len(knots) - 1 + DEGREE, "number of control points", len(points), "",
-            f"{len(knots) - 1 + DEGREE}, {DEGREE} more than the curve has spans",
-        )  # fmt: skip
+        require(self.degree in DEGREES, "degree", self.degree, "", " or ".join(map(str, DEGREES)))
+        more = self.degree + 1 - self._step
+        count = self._step * (len(knots) - 1) + more
+        spans = f"{count}, {more} more than {'the' if self.degree == DEGREE else 'four times the'} spans"
+        require(len(points) == count, "number of control points", len(points), "", spans)
         farthest = max(abs(value) for point in points for value in point)
         require(farthest <= _FARTHEST, "a coordinate", farthest, "nm", f"at most {_FARTHEST} nm from 0")
         for end, ends in (("first", points[:AT_REST]), ("last", points[-AT_REST:])):
@@ -68,10 +75,15 @@ class Curve:
                 raise FlatsatError(f"the {end} {AT_REST} control points differ: must be equal, the curve's rest there")
 
     @classmethod
-    def rounded(cls, knots: Sequence[int], points: FloatArray) -> Curve:
+    def rounded(cls, knots: Sequence[int], points: FloatArray, degree: int = DEGREE) -> Curve:
         """Return the curve with control points (n, 3), m, rounded to nanometres."""
         whole = np.rint(points * 1e9).astype(np.int64).tolist()
-        return cls(tuple(knots), tuple((x, y, z) for x, y, z in whole))
+        return cls(tuple(knots), tuple((x, y, z) for x, y, z in whole), degree)
+
+    @property
+    def _step(self) -> int:
+        """How often inner knots count, and how many control points the curve has more for each span."""
+        return 1 if self.degree == DEGREE else 4
 
     @property
     def duration(self) -> float:
@@ -86,19 +98,19 @@ class Curve:
             edges: (E + 1) us, among them all knots; by default the knots.
 
         Returns:
-            Integers (E, 6 - order, 3), and what to divide them by to have m, m/s, ...: integers (E,).
+            Integers (E, degree + 1 - order, 3), and what to divide them by to have m, m/s, ...: integers (E,).
         """
         edges = self.knots if edges is None else edges
         weights, divisors, first = self._weights(edges)
         points = np.array(self.points, dtype=object)
-        values = weights @ points[first[:, np.newaxis] + np.arange(ORDER)]
-        for degree in range(DEGREE, DEGREE - order, -1):
+        values = weights @ points[first[:, np.newaxis] + np.arange(self.degree + 1)]
+        for degree in range(self.degree, self.degree - order, -1):
             values = degree * (values[:, 1:] - values[:, :-1])
         lengths = np.array([b - a for a, b in itertools.pairwise(edges)], dtype=object)
         return values * 10 ** (6 * order), divisors * lengths**order * 10**9
 
     def fixed(self, order: int = 0, edges: Sequence[int] | None = None) -> IntArray:
-        """Return `bezier` as fixed-point numbers (E, 6 - order, 3), UNIT for one m, m/s, ...: off by at most 1/2.
+        """Return `bezier` as fixed-point numbers (E, degree + 1 - order, 3), UNIT for 1 m, m/s, ...: off by up to 1/2.
 
         Raises:
             FlatsatError: a value is beyond 2^40 of these units; about 1000 m, m/s, ...
@@ -118,15 +130,15 @@ class Curve:
         points = (values / divisors[:, np.newaxis, np.newaxis]).astype(np.float64)
         times = np.array(self.knots) / 1e6
         coefficients = np.zeros((len(times) - 1, SIZE, 3))
-        for power in range(ORDER):
-            leading = math.comb(DEGREE, power) * points[:, 0]
+        for power in range(self.degree + 1):
+            leading = math.comb(self.degree, power) * points[:, 0]
             coefficients[:, power] = leading / np.diff(times)[:, np.newaxis] ** power
             points = np.diff(points, axis=1)
         return Trajectory(times, coefficients, yaw)
 
     def _weights(self, edges: Sequence[int]) -> tuple[Exact, Exact, IntArray]:
-        """Return integers (E, 6, 6), what to divide them by (E,), and the first control point (E,) they belong to."""
-        padded = (0,) * (DEGREE - 1) + self.knots + (self.knots[-1],) * (DEGREE - 1)
+        """Return square matrices of integers, what to divide them by (E,), and their first control points (E,)."""
+        padded = self.padded
         spans = np.searchsorted(self.knots, edges[:-1], side="right") - 1
         known: dict[tuple[int, ...], int] = {}
         numbers = []
@@ -134,14 +146,22 @@ class Curve:
             if left >= self.knots[-1]:  # it stands at its last control point
                 local: tuple[int, ...] = ()
             else:
-                local = tuple(knot - left for knot in (*padded[span : span + 2 * DEGREE], right))
+                first = self._step * span
+                local = tuple(knot - left for knot in (*padded[first : first + 2 * self.degree], right))
                 scale = math.gcd(*local)
                 local = tuple(knot // scale for knot in local)
             numbers.append(known.setdefault(local, len(known)))
-        table = [_exact_weights(local) for local in known]
+        table = [_exact_weights(local, self.degree) for local in known]
         weights = np.array([table[number][0] for number in numbers], dtype=object)
         divisors = np.array([table[number][1] for number in numbers], dtype=object)
-        return weights, divisors, np.minimum(spans, len(self.knots) - 2)
+        return weights, divisors, self._step * np.minimum(spans, len(self.knots) - 2)
+
+    @property
+    def padded(self) -> tuple[int, ...]:
+        """All knots as often as they count, us; those at the ends as often as the polynomials depend on them."""
+        first, *inner, last = self.knots
+        repeated = [knot for knot in inner for _ in range(self._step)]
+        return (*[first] * self.degree, *repeated, *[last] * self.degree)
 
 
 def local_knots(knots: FloatArray) -> FloatArray:
@@ -164,21 +184,23 @@ def bezier_weights(local: Any, left: Any, right: Any) -> Any:
     Returns:
         (E, 6, 6) of the same type.
     """
-    ends = np.where(np.arange(1, ORDER) <= DEGREE - np.arange(ORDER)[:, np.newaxis], 0, 1)  # (6, 5): which end
+    degree = local.shape[1] // 2
+    order = degree + 1
+    ends = np.where(np.arange(1, order) <= degree - np.arange(order)[:, np.newaxis], 0, 1)  # which end
     arguments = np.stack([left, right], axis=-1)[:, ends]
-    weights = np.broadcast_to(np.eye(ORDER, dtype=int).astype(local.dtype), (len(local), ORDER, ORDER, ORDER))
-    for level in range(1, ORDER):
-        low, high = local[:, np.newaxis, level - 1 : DEGREE], local[:, np.newaxis, DEGREE : ORDER + DEGREE - level]
+    weights = np.broadcast_to(np.eye(order, dtype=int).astype(local.dtype), (len(local), order, order, order))
+    for level in range(1, order):
+        low, high = local[:, np.newaxis, level - 1 : degree], local[:, np.newaxis, degree : order + degree - level]
         share = (arguments[:, :, level - 1, np.newaxis] - low) / (high - low)
         weights = weights[:, :, :-1] + share[..., np.newaxis] * (weights[:, :, 1:] - weights[:, :, :-1])
     return weights[:, :, 0]
 
 
 @lru_cache(maxsize=10_000)  # derivatives and drones share their knots
-def _exact_weights(local: tuple[int, ...]) -> tuple[Exact, int]:
-    """Return integers (6, 6) and their common divisor, for ten knots and the right end, relative to the left end."""
+def _exact_weights(local: tuple[int, ...], degree: int) -> tuple[Exact, int]:
+    """Return integers and their common divisor, for knots and the right end, relative to the left end."""
     if not local:
-        rest = np.zeros((ORDER, ORDER), dtype=object)
+        rest = np.zeros((degree + 1, degree + 1), dtype=object)
         rest[:, -1] = 1
         return rest, 1
     *knots, right = (Fraction(value) for value in local)

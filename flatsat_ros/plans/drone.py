@@ -25,7 +25,7 @@ from flatsat_ros.plans.curve import NANOMETRE, Curve
 _MET = 1000  # nm: how exactly way-points are met
 _ROWS_MAX = 10_000
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
-_DRONE = ("body", "tube", "yaw", "knots", "control_points", "waypoints")
+_DRONE = ("body", "tube", "yaw", "degree", "knots", "control_points", "waypoints")
 _TUBE = ("source", "radius")
 _SOURCES = ("given", "certificate")
 
@@ -123,7 +123,7 @@ class PlannedDrone:
             )
             return cls(
                 name=name,
-                curve=Curve(tuple(row[0] for row in knots), tuple(points)),  # type: ignore[misc, arg-type]
+                curve=Curve(tuple(row[0] for row in knots), tuple(points), values["degree"]),  # type: ignore[misc, arg-type]
                 body=values["body"],
                 tube=Tube(**section("tube", values["tube"], _TUBE)),
                 yaw=values["yaw"],
@@ -138,6 +138,7 @@ class PlannedDrone:
             "body": self.body,
             "tube": {"source": self.tube.source, "radius": self.tube.radius},
             "yaw": self.yaw,
+            "degree": self.curve.degree,
             "knots": tables.written([(knot,) for knot in self.curve.knots], (6,)),
             "control_points": tables.written(self.curve.points, (9, 9, 9)),
             "waypoints": tables.written(self.waypoints, (6, 9, 9, 9, 9)),

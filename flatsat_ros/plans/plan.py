@@ -50,7 +50,7 @@ _HEADER = """\
 # drones: body and tube are radii, m; a tube is how far the drone may be off its reference. Source "given": the user
 #   stated the radius, nothing proves it; "certificate": that proves it for jerk and snap up to a tenth above the
 #   bounds, as when the pace changes. Knots in s and control points x y z in m of a B-spline of degree 5 (each knot
-#   once; those at the ends count six times); way-points t x y z in s
+#   once; those at the ends count six times) or 7 (four and eight times); way-points t x y z in s
 #   and m, and within how many m they are passed
 # pairs: two drones, the distance in m that they always keep, and from when to when (s) they are nearest
 # obstacles: boxes that stand still: name, lower and upper corner in m; passages: each drone with each of them, as pairs
@@ -128,6 +128,8 @@ class Plan:
         names = [drone.name for drone in self.drones]
         require(1 <= len(names) <= DRONES_MAX, "number of drones", len(names), "", f"from 1 to {DRONES_MAX}")
         require(len(set(names)) == len(names), "names of the drones", names, "", "different")
+        degrees = sorted({drone.curve.degree for drone in self.drones})
+        require(len(degrees) == 1, "degrees of the references", degrees, "", "the same for all drones")
         first, second = pairs_of(len(names))
         expected = [(names[i], names[j]) for i, j in zip(first, second, strict=True)]
         if [pair[:2] for pair in self.pairs] != expected:

@@ -1,7 +1,7 @@
 """How near drones come to each other and to boxes that stand still, proved for all times with integers.
 
 Distances are in the downwash metric, |(dx, dy, dz / w)|: drones keep apart w times as far along the vertical. On an
-interval on which both references are polynomials, their difference lies in the convex hull of its six Bezier control
+interval on which both references are polynomials, their difference lies in the convex hull of its Bezier control
 points D_k, so every direction n proves |D(t)| >= min_k n'D_k / |n| there. Directions come from floating-point numbers;
 what they prove is computed in 64-bit integers, with every rounding counted. Where that is not enough, the interval is
 halved. A box has a direction that proves it likewise, n'(P_k - q) for all points q of the box.
@@ -17,7 +17,7 @@ from fractions import Fraction
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray, IntArray
-from flatsat_ros.plans.curve import NANOMETRE, ORDER, UNIT, Curve
+from flatsat_ros.plans.curve import NANOMETRE, UNIT, Curve
 from flatsat_ros.plans.obstacles import Box
 
 _HALVINGS = 16  # at most, of an interval between knots
@@ -105,7 +105,7 @@ def _proved(
     goals: IntArray | None,
     tolerance: float,
 ) -> Closest:
-    """Return certified distances of polynomials, their control points (P, E, 6, 3), from boxes, corners (P, 3) each."""
+    """Return certified distances of polynomials, their control points (P, E, n, 3), from boxes, corners (P, 3) each."""
     count, spans = points.shape[:2]
     pair = np.repeat(np.arange(count), spans)
     span = np.tile(np.arange(spans), count)
@@ -130,7 +130,7 @@ def _proved(
         if done.all():
             break
         left, width, pair = left[~done], width[~done] / 2.0, pair[~done]
-        hulls, error = _halved(hulls[~done]), error + 3
+        hulls, error = _halved(hulls[~done]), error + hulls.shape[1] // 2
         left, width, pair = np.concatenate([left, left + width]), np.tile(width, 2), np.tile(pair, 2)
     return Closest(first, second, best, start / 1e6, end / 1e6)
 
@@ -145,7 +145,7 @@ def _stretched(points: IntArray, downwash: Fraction) -> tuple[IntArray, int]:
 
 
 def _lower_bounds(hulls: IntArray, error: int, corners: tuple[IntArray, IntArray]) -> IntArray:
-    """Return a bound (C,) of the distance of each hull of control points (C, 6, 3) from its box, corners (C, 3)."""
+    """Return a bound (C,) of the distance of each hull of control points (C, n, 3) from its box, corners (C, 3)."""
     directions = np.rint(_DIRECTION * _toward(hulls.astype(np.float64), corners)).astype(np.int64)
     projections = (hulls * directions[:, np.newaxis]).sum(axis=2).min(axis=1)
     projections -= (directions * np.where(directions > 0, corners[1], corners[0])).sum(axis=1)
@@ -155,7 +155,7 @@ def _lower_bounds(hulls: IntArray, error: int, corners: tuple[IntArray, IntArray
 
 
 def _toward(hulls: FloatArray, corners: tuple[IntArray, IntArray]) -> FloatArray:
-    """Return directions (C, 3) from boxes to about the nearest point of each hull (C, 6, 3): Gilbert's steps."""
+    """Return directions (C, 3) from boxes to about the nearest point of each hull (C, n, 3): Gilbert's steps."""
     point = hulls.mean(axis=1)
     way = _outside(point, corners)
     rows = np.arange(len(hulls))
@@ -174,12 +174,12 @@ def _outside(points: FloatArray, corners: tuple[IntArray, IntArray]) -> FloatArr
 
 
 def _halved(points: IntArray) -> IntArray:
-    """Return the control points of all left halves (C, 6, 3), then of all right ones: de Casteljau's, rounded down.
+    """Return the control points of all left halves (C, n, 3), then of all right ones: de Casteljau's, rounded down.
 
-    Each of the five stages is off by less than 1/2 more, 3 in all.
+    Each of the n - 1 stages is off by less than 1/2 more, n / 2 in all.
     """
     left, right = np.empty_like(points), np.empty_like(points)
-    for stage in range(ORDER):
-        left[:, stage], right[:, ORDER - 1 - stage] = points[:, 0], points[:, -1]
+    for stage in range(points.shape[1]):
+        left[:, stage], right[:, -1 - stage] = points[:, 0], points[:, -1]
         points = (points[:, :-1] + points[:, 1:]) >> 1
     return np.concatenate([left, right])
