@@ -172,7 +172,7 @@ def test_after_a_power_cycle_no_drone_takes_off_until_the_server_is_restarted(
     server.stop()
     server.start()
     take_off(lab, server)
-    server.wait_until_near((0.0, 0.0, 0.5))
+    lab.wait(lambda: heights(server.drones)[0] > 0.3, "the take-off")
 
 
 def test_a_brushless_drone_stays_until_it_is_armed_then_takes_off(lab: Lab, serve: Callable[..., Server]) -> None:
