@@ -139,9 +139,9 @@ class _Attacked:
     def _tick(self) -> np.ndarray:
         """Let a tick pass in which both drones are seen where they are; return the inputs (2, 4)."""
         self.room._ticks += 1
-        wobble = 1e-5 * math.sin(self.room._ticks)  # the very same place again would be an old pose
+        wobble = 1e-5 * math.sin(self.room._ticks)  # the very same place, or one coordinate, would be an old pose
         for robot, (x, y, z) in zip(self.room.node.robots, self._places, strict=True):
-            data = pose((x + wobble, y, z), (0.0, 0.0, 0.0, 1.0), stamp=EPOCH + self.room._steady())
+            data = pose((x + wobble, y + wobble, z + wobble), (0.0, 0.0, 0.0, 1.0), stamp=EPOCH + self.room._steady())
             self.room.deliver(f"{robot}/pose", data)
         self.room.node._on_tick()
         tick = self.room.node._last
