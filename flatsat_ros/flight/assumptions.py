@@ -175,19 +175,21 @@ class Monitors:
         squares = vectors * vectors
         squares[..., 0] += squares[..., 1]
         squares = squares[..., ::2]
-        self.ratio = np.sqrt((squares[:, 0] / self._easy[0]).max(axis=1))
+        shares = squares[:, 0] / self._easy[0]
+        self.ratio = np.sqrt(np.maximum(shares[:, 0], shares[:, 1]))
         even = max(elapsed, 2.0 * self._period - elapsed)
         jumped = self._jumped(seen.reference)
+        bounds = self._bounds
         if (
-            (squares <= self._easy).all()
-            and np.count_nonzero(flying) == self._count
-            and seen.age.max() <= self._bounds[0]
-            and even <= self._bounds[1]
+            even <= bounds[1]
             and jumped is None
-            and self._references.demand.max() <= self._bounds[7]
-            and seen.gain.max() <= self._bounds[8]
-            and seen.gain.min() * self._bounds[9] >= 1.0
-            and self._due.max() <= now
+            and _all(flying)
+            and _all(squares <= self._easy)
+            and _all(seen.age <= bounds[0])
+            and _all(self._references.demand <= bounds[7])
+            and _all(seen.gain <= bounds[8])
+            and _all(seen.gain * bounds[9] >= 1.0)
+            and _all(self._due <= now)
         ):
             self.broken, self.lost = self._nothing, self._nobody
             if np.count_nonzero(self._outside):
@@ -278,6 +280,11 @@ class Monitors:
             column = int((self._values[index] > self._bounds).argmax())
             value, bound = self._values[index, column], self._bounds[column]
         return f"tube not claimed: {text}, {factor * value:.3g} {unit}, bound {factor * bound:.3g} {unit}"
+
+
+def _all(holds: np.ndarray) -> bool:
+    """Whether all of an array holds; on few entries faster than all()."""
+    return bool(np.count_nonzero(holds) == holds.size)
 
 
 def _settling(axis: Axis) -> float:

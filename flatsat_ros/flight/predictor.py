@@ -114,7 +114,7 @@ class Predictor:
             np.copyto(state[:, entry], value, where=chosen)
         np.copyto(self._since, now, where=drones)
         if self._moments:
-            self._moments[-1] = self._moments[-1]._replace(after=state[:, _V].copy())
+            np.copyto(self._moments[-1].after, state[:, _V])
 
     def advance(self, now: float, stamps: FloatArray, positions: FloatArray) -> None:
         """Move on to a tick and take in the newest poses.
@@ -130,7 +130,7 @@ class Predictor:
             self._moments.clear()
             self._since[:] = now
             self.innovation, self.age = np.zeros_like(self.innovation), now - stamps
-            self._note(now, self._state[:, _V].copy())
+            self._note(now)
             return
         shape, periods = self._state.shape, max(1, round(elapsed / self._period))
         for _ in range(periods):
@@ -141,8 +141,7 @@ class Predictor:
             pull = state[:, _A] + state[:, _D] - self._drag * state[:, _V]
             state[:, _P] += late * (state[:, _V] + late / 2.0 * pull)
             state[:, _V] += late * pull
-        before = state[:, _V].copy()
-        self._note(now, before)
+        self._note(now)
         fresh = self._take(stamps, positions)
         self.age = now - stamps
         used = fresh | ((self.age <= self._pose_age) & (self._stamp >= self._since))
@@ -159,25 +158,27 @@ class Predictor:
         self._corrections += shift[:, _P]
         state[:, :_A] += shift
         state[:, _D] += disturbing * innovation
-        self._moments[-1] = self._moments[-1]._replace(after=state[:, _V].copy())
+        np.copyto(self._moments[-1].after, state[:, _V])
 
-    def _note(self, now: float, velocity: FloatArray) -> None:
-        self._moments.append(_Moment(now, self._state[:, _P] - self._corrections, velocity, velocity))
+    def _note(self, now: float) -> None:
+        velocity = self._state[:, _V]
+        self._moments.append(_Moment(now, self._state[:, _P] - self._corrections, velocity.copy(), velocity.copy()))
 
     def _take(self, stamps: FloatArray, positions: FloatArray) -> np.ndarray:
         """Tie poses that are new to the way that the model had come when they were measured; return whose are, (N,)."""
         fresh = np.asarray((stamps != self._stamp) & (stamps >= self._since))
-        if not np.count_nonzero(fresh):
+        count = np.count_nonzero(fresh)
+        if not count:
             return fresh
         moments, before, self._stamp = self._moments, np.maximum(self._stamp, self._since), stamps.copy()
-        stamps = np.maximum(stamps, moments[0].time)
-        self._gap = np.where(fresh, np.minimum(stamps - before, _GAP), self._gap)
+        gap = np.minimum(stamps - before, _GAP)
+        self._gap = gap if count == fresh.size else np.where(fresh, gap, self._gap)
         self._rare = float(self._gap.max()) > _RARE
         if float(stamps.min()) > moments[-2].time:  # all within the last period
             (first, _, _, left), (last, way, arrived, _) = moments[-2], moments[-1]
             span, back = np.float64(last - first), last - stamps[:, np.newaxis]
         else:
-            times = np.array([moment.time for moment in moments])
+            times, stamps = np.array([moment.time for moment in moments]), np.maximum(stamps, moments[0].time)
             index = np.clip(np.searchsorted(times, stamps), 1, len(times) - 1)
             each = np.arange(len(stamps))
             way, arrived = (np.array([getattr(m, n) for m in moments])[index, each] for n in ("way", "before"))
@@ -185,7 +186,8 @@ class Predictor:
             span, back = (times[index] - times[index - 1])[:, np.newaxis], (times[index] - stamps)[:, np.newaxis]
         # back from the end of a period, over which the velocity changes evenly
         way = way - back * (arrived - (back / (2.0 * span)) * (arrived - left))
-        np.copyto(self._anchor, positions - way, where=fresh[:, np.newaxis])
+        anchor = positions - way
+        self._anchor = anchor if count == fresh.size else np.where(fresh[:, np.newaxis], anchor, self._anchor)
         return fresh
 
     def ahead(self, reference: FloatArray, jerk: FloatArray | None = None) -> FloatArray:
