@@ -8,6 +8,7 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.flight.trajectory import SIZE, Trajectory, evaluate, jerks
 
 _NOBODY = np.zeros(0, dtype=int)
+_NEVER = np.inf, -np.inf
 
 
 class Cursor:
@@ -23,18 +24,25 @@ class Cursor:
         self.coefficients = np.zeros((count, SIZE, 3))
         self.origin = np.zeros(count)
         self.until = np.full(count, np.inf)
+        self._span = _NEVER  # s, in which nobody's segment becomes another one
+
+    def forget(self, index: int) -> None:
+        """Seek the segment of drone index anew."""
+        self.until[index], self._span = -np.inf, _NEVER
 
     def seek(self, t: float, trajectories: list[Trajectory | None]) -> np.ndarray:
         """Go to a time, s; return the indices of those whose segment is another one now."""
+        begin, end = self._span
+        if begin <= t < end:
+            return _NOBODY
         # earlier than the segment: before the start, or the clock was set back
         changing = (t >= self.until) | (t < self.origin)
-        if not np.count_nonzero(changing):
-            return _NOBODY
         indices = np.flatnonzero(changing)
         for index in indices:
             trajectory = trajectories[index]
             if trajectory is not None:
                 self.coefficients[index], self.origin[index], self.until[index] = trajectory.segment(t)
+        self._span = float(self.origin.max()), float(self.until.min())
         return indices
 
 
@@ -76,7 +84,7 @@ class References:
         self._trajectories[index] = trajectory
         self.at_rest[index] = False
         for cursor in self._cursors:
-            cursor.until[index] = -np.inf
+            cursor.forget(index)
         self.yaw[index] = trajectory.yaw
 
     def sample(self, t: float) -> FloatArray:
@@ -98,7 +106,9 @@ class References:
     def cursor(self) -> Cursor:
         """Return a cursor of somebody who looks at other times; to be moved by `seek` alone."""
         cursor = Cursor(len(self._trajectories))
-        cursor.until[[trajectory is not None for trajectory in self._trajectories]] = -np.inf
+        for index, trajectory in enumerate(self._trajectories):
+            if trajectory is not None:
+                cursor.forget(index)
         self._cursors.append(cursor)
         return cursor
 
