@@ -9,8 +9,8 @@ import numpy as np
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.path import Box
 from flatsat_ros.flight.tick import Tick
-from flatsat_ros.nodes.ros import interfaces, messages
-from flatsat_ros.nodes.ros.messages import Shape
+from flatsat_ros.nodes.ros import interfaces
+from flatsat_ros.nodes.ros.marker_messages import Shape, markers_message
 from flatsat_ros.nodes.ros.runtime import ProgramNode
 
 _PERIOD = 0.1  # s
@@ -61,7 +61,7 @@ class Markers:
         if found is not None:
             shapes = self._box + [shape for index in range(len(self._robots)) for shape in self._of(index, *found)]
             now = self._node.get_clock().now().nanoseconds
-            self._publisher.publish(messages.markers_message(self._world, now, 5.0 * _PERIOD, shapes))
+            self._publisher.publish(markers_message(self._world, now, 5.0 * _PERIOD, shapes))
 
     def _of(self, index: int, tick: Tick, places: np.ndarray) -> list[Shape]:
         """Return the shapes of one drone."""

@@ -1,4 +1,4 @@
-"""The file that touches message fields; `server_messages` touches those of crazyswarm2's packages for the simulation.
+"""The file that touches message fields, beside `marker_messages` and, for crazyswarm2's packages, `server_messages`.
 
 Everything it returns is SI, radians, floats in seconds.
 
@@ -32,43 +32,12 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout, String
 from std_srvs.srv import SetBool
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
-from visualization_msgs.msg import Marker, MarkerArray
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import NANOSECONDS as NANOSECONDS
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.flight.trajectory import Trajectory
-
-_MARKERS = {
-    "sphere": Marker.SPHERE, "cylinder": Marker.CYLINDER, "lines": Marker.LINE_LIST, "text": Marker.TEXT_VIEW_FACING,
-}  # fmt: skip
-
-
-class Shape(NamedTuple):
-    """Something to be drawn.
-
-    Attributes:
-        group: what kind of thing it is.
-        number: of it in its group.
-        kind: sphere, cylinder, lines or text.
-        place: of its middle, m.
-        size: along x, y and z, m; of lines the first is the width, of text the last is the height.
-        colour: red, green and blue, 0 to 1.
-        opacity: 0 to 1.
-        text: what is written.
-        points: ends of lines, two for each, m.
-    """
-
-    group: str
-    number: int
-    kind: str
-    place: tuple[float, ...]
-    size: tuple[float, ...]
-    colour: tuple[float, ...]
-    opacity: float
-    text: str = ""
-    points: Sequence[tuple[float, float, float]] = ()
 
 
 def stamp_from_nanoseconds(nanoseconds: int) -> Time:
@@ -353,22 +322,3 @@ def _vector(v: Vector3 | Point) -> list[float]:
 
 def _message_vector(v: FloatArray) -> Vector3:
     return Vector3(x=float(v[0]), y=float(v[1]), z=float(v[2]))
-
-
-def markers_message(frame: str, nanoseconds: int, lifetime: float, shapes: Iterable[Shape]) -> MarkerArray:
-    """Return shapes as markers of a frame, with a stamp, to be shown for a lifetime, s, unless renewed."""
-    found = MarkerArray()
-    stamp, whole = stamp_from_nanoseconds(nanoseconds), int(lifetime)
-    for shape in shapes:
-        marker = Marker(ns=shape.group, id=shape.number, type=_MARKERS[shape.kind], action=Marker.ADD, text=shape.text)
-        marker.header.frame_id, marker.header.stamp = frame, stamp
-        marker.lifetime = Duration(sec=whole, nanosec=int((lifetime - whole) * NANOSECONDS))
-        place, size, colour = marker.pose.position, marker.scale, marker.color
-        place.x, place.y, place.z = shape.place
-        marker.pose.orientation.w = 1.0
-        size.x, size.y, size.z = shape.size
-        colour.r, colour.g, colour.b = shape.colour
-        colour.a = shape.opacity
-        marker.points = [Point(x=x, y=y, z=z) for x, y, z in shape.points]
-        found.markers.append(marker)
-    return found
