@@ -1,7 +1,8 @@
-"""docs/interfaces.md says what the nodes offer, no more and no less."""
+"""docs/interfaces.md says what the nodes offer, no more and no less, and by which thresholds they fly."""
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from importlib.util import find_spec
@@ -14,13 +15,17 @@ import yaml
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
+from flatsat_ros.flight import assumptions as assumed
+from flatsat_ros.flight import astray, detectors, estimator, orientation, plausibility, supervisor, traffic, waiting
+from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.identification.recording import COLUMNS
+from flatsat_ros.nodes import last_resort, rivals
 from flatsat_ros.nodes.cflib_bridge import CflibBridge
 from flatsat_ros.nodes.controller_node import ControllerNode
 from flatsat_ros.nodes.mocap_player import MocapPlayer
 from flatsat_ros.nodes.recorder import Recorder
-from flatsat_ros.nodes.ros import interfaces
+from flatsat_ros.nodes.ros import cdr, faults, interfaces
 from flatsat_ros.nodes.server_commands import COMMANDS
 from flatsat_ros.nodes.server_parameters import FIRMWARE
 from flatsat_ros.nodes.sim_drone import SimDrone
@@ -245,3 +250,53 @@ def test_every_service_is_documented_with_its_type(page: str, offers: dict[str, 
     assert {name for cell, _ in commanders for name in names(cell)} == commands
     blocks = (interfaces.ADD_LOGGING, interfaces.REMOVE_LOGGING)
     assert {name for cell, _ in logging for name in names(cell)} == {f"<robot>/{name}" for name in blocks}
+
+
+# what the page says of thresholds, with those of the code
+THRESHOLDS = {
+    "later than {:g} s from now, it is taken": (traffic._SOON,),
+    "References that would come too near within {:g} s after all are not flown": (traffic._FORESIGHT,),
+    "After {:g} s with nobody in the way but drones at rest the goal is given up": (waiting._PATIENCE,),
+    "level with thrust {:g} g in the air": (Policy.level_thrust,),
+    "Poses and goals have at most {} bytes. Lines about a drone come at most once a second each": (cdr._SIZE_MAX,),
+    "at once and then at most every {:g} s. The other drones fly on": (faults._SILENCE,),
+    "from {:g} s on if all are so old for half a second, from {:g} s on at once": (
+        plausibility._LATE, plausibility._BEHIND,
+    ),
+    "by more than {:g} m beyond every motion are not followed in the air": (estimator._FAR,),
+    "unless within a second they are back within {:g} m of where it should be": (estimator._NEAR_AGAIN,),
+    "flies by poses again when these have been usable for {:g} s": (supervisor._STEADY_TIME,),
+    "With `yaw_source: measured` it lands after {:g} s": (orientation._PATIENCE,),
+    "by {:g} rad and {:g} rad/s of the time since the last one, or {:g} rad in any time, is none": (
+        plausibility._TURN, plausibility._TURN_RATE, plausibility._TURN_MOST,
+    ),
+    "when for {:.1f} s the changes of its motion are explained by its commands": (astray._WRONG_TIME,),
+    "but turned by more than {:.0f} degrees": (math.degrees(math.atan(astray._TURNED)),),
+    "it is pushed back by more than {:g} times what it commands": (detectors._OPPOSED,),
+    "One that slides {:g} m before it has risen {:g} m": (detectors._SLID, detectors.LIFTED_OFF),
+    "at the limit of its tilt for {:g} s, more than {:g} m off its reference": (detectors._BLOWN_TIME, detectors._OFF),
+    "or up and down, {:g} m/s^2 each way": (detectors._BOBBING,),
+    "level, {:g} of the mean thrust of the last {:g} s and {:g} less every second, for {:g} s": (
+        last_resort._SHARE, last_resort._MEMORY, last_resort._FALL, last_resort._DESCENT,
+    ),
+    "then zero thrust for {:g} s and silence": (last_resort._REST,),
+    "two that send within {:g} s of each other are named": (rivals._HOLD,),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("sentence", THRESHOLDS)
+def test_the_page_names_the_thresholds_of_the_code(page: str, sentence: str) -> None:
+    assert sentence.format(*THRESHOLDS[sentence]) in " ".join(page.split())
+
+
+def test_the_page_names_the_thresholds_that_it_puts_into_words(page: str) -> None:
+    text = " ".join(page.split())
+    words = {
+        "so old for half a second": plausibility._LATE_FOR == 0.5,
+        "unless within a second they are back": estimator._AGAIN_TIME == 1.0,
+        "less a fifth of the time between": supervisor._FORGOTTEN == 1.0 / 5.0,
+        "outside its tube for half a second": assumed._OUTSIDE == 0.5,
+        "half of the limit each way": detectors._SWINGING_SHARE == 0.5,
+        "at most once a second each": faults._REFUSAL_SILENCE == 1.0,
+    }
+    assert {name: name in text and holds for name, holds in words.items()} == dict.fromkeys(words, True)
