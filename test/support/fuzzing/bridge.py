@@ -158,7 +158,7 @@ def _open_packets(folder: Path) -> Iterator[Attempt]:
             assert len(link._line) <= CONSOLE_CHARACTERS
             assert len(link.console) <= 5
             assert len(link.values) < 10
-            (report,) = node._report(0)
+            (report,) = node._watch._report(0)
             assert len(report.text) < 100
             heard.clear()
             block = max(cf.log.log_blocks, key=lambda block: len(block.variables))
