@@ -22,6 +22,7 @@ MODULES = {
     "log": ("log", ""),
     "columns": ("columns", ""),
     "waypoints": ("waypoints", "scipy"),
+    "browser": ("browser", ""),
     "mcap": ("bag", "rclpy"),
     "db3": ("bag", "rclpy"),
     "metadata": ("bag", "rclpy"),

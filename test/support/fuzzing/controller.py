@@ -1,5 +1,7 @@
 """What a controller hears: poses, goals, trajectories, batteries, orders and parameters of one of two drones in flight.
 
+Of the messages that not every ROS installation has, those of crazyswarm2's status and of named poses are made up here.
+
 Whatever comes, every command stays within the limits, the other drone flies on, and sound poses are still taken.
 """
 
@@ -11,18 +13,21 @@ import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import PoseStamped, Twist
 from hypothesis import strategies as st
 from rclpy.parameter import Parameter
 from room import EPOCH, Room, pose
+from std_msgs.msg import Header
 from std_srvs.srv import SetBool
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.stamps import StampClock
+from flatsat_ros.nodes.pose_sources import PoseSource
 from flatsat_ros.nodes.ros import messages
 from flatsat_ros.nodes.ros.messages import NANOSECONDS
 from fuzzing.cdr import poses, trajectories
@@ -32,7 +37,9 @@ from fuzzing.nodes import own_context, silenced
 from fuzzing.sequence import Item, decoded, sequences
 
 _TOPICS = ("pose", "goal_pose", "trajectory")
-_BATTERY, _ORDER, _PARAMETER = 3, 4, 5
+_BATTERY, _ORDER, _PARAMETER, _STATUS, _BODIES = range(3, 8)
+_NAMES = ("cf1", "cf1", "cf1", "cf3", "", "cf1\0", "\xff" * 300)
+_FRAMES = ("world", "world", "world", "", "map", "w" * 300)
 _ORDERS = ("takeoff", "land", "hold", "hand_over", "arm", "disarm")
 _TUNING = ("mu", "v_inf", "gamma_0", "gamma_max", "nu")
 _PARAMETERS = (*_TUNING, *(f"robots.cf1.{name}" for name in _TUNING), "restart_gain", "floor", "use_sim_time")
@@ -55,6 +62,36 @@ def _parameter(content: bytes) -> Parameter:
     return Parameter(_PARAMETERS[name % len(_PARAMETERS)], value=others.get(kind, number))
 
 
+_BODIES_ITEM = st.builds(
+    lambda frame, second, nanosecond, bodies: struct.pack("<BiI", frame, second, nanosecond) + b"".join(bodies),
+    st.integers(0, len(_FRAMES) - 1),
+    st.sampled_from([_SECOND, _SECOND, _SECOND, 0, -1, 2**31 - 1, -(2**31)]),
+    st.sampled_from([0, 20_000_000, 10**9, 2**32 - 1]),
+    st.lists(
+        st.builds(
+            lambda name, values: struct.pack("<B7d", name, *values),
+            st.integers(0, len(_NAMES) - 1),
+            st.lists(FLOATS, min_size=7, max_size=7) | st.just([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]),
+        ),
+        max_size=4,
+    ),
+)  # fmt: skip
+
+
+def _bodies(content: bytes) -> SimpleNamespace:
+    """Return a message of named poses."""
+    frame, second, nanosecond = struct.unpack("<BiI", content[:9].ljust(9, b"\0"))
+    header = Header(frame_id=_FRAMES[frame % len(_FRAMES)])
+    header.stamp.sec, header.stamp.nanosec = second, nanosecond
+    entries = []
+    for at in range(9, len(content) - 56, 57):
+        name, *values = struct.unpack_from("<B7d", content, at)
+        posed = PoseStamped()
+        messages.fill_pose(posed, 0, values[:3], values[3:])
+        entries.append(SimpleNamespace(name=_NAMES[name % len(_NAMES)], pose=posed.pose))
+    return SimpleNamespace(header=header, poses=entries)
+
+
 _ITEMS: st.SearchStrategy[Item] = st.one_of(
     st.tuples(st.just(0), poses(_SECOND)),
     st.tuples(st.just(1), poses(0)),
@@ -63,6 +100,8 @@ _ITEMS: st.SearchStrategy[Item] = st.one_of(
     st.tuples(st.just(_BATTERY), st.floats(width=32).map(lambda volts: struct.pack("<f", volts))),
     st.tuples(st.just(_ORDER), st.binary(min_size=1, max_size=1)),
     st.tuples(st.just(_PARAMETER), _PARAMETER_ITEM),
+    st.tuples(st.just(_STATUS), st.floats(width=32).map(lambda volts: struct.pack("<f", volts))),
+    st.tuples(st.just(_BODIES), _BODIES_ITEM),
 )
 
 
@@ -164,6 +203,17 @@ class _Attacked:
                 answer = self.room.ask(f"cf1/flatsat/{name}")
             self._refused += not answer.success
             assert "error of the program" not in answer.message
+        elif code == _STATUS:
+            (volts,) = struct.unpack("<f", content[:4].ljust(4, b"\0"))
+            with self.room.node.faults.contain("cf1/status"):
+                status = SimpleNamespace(battery_voltage=volts, pm_state=0)
+                self.room.node._take_voltage(0, messages.voltage_from_message(status))
+        elif code == _BODIES:
+            sources = self.room.node._sources
+            usual, sources._current[0] = sources._current[0], PoseSource.POSES
+            with self.room.node.faults.contain("poses"):
+                sources._on_bodies(PoseSource.POSES, _bodies(content))
+            sources._current[0] = usual
         elif code == _PARAMETER:
             (result,) = self.room.node.set_parameters([_parameter(content)])
             self._refused += not result.successful
