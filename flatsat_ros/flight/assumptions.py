@@ -16,6 +16,7 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.flight import Axis, Flight
 from flatsat_ros.certificate.flight_loop import FlightLoop
 from flatsat_ros.flight.known import known
+from flatsat_ros.flight.lateness import Lateness
 from flatsat_ros.flight.references import References
 
 # d^ is compared with what it was this time, s, before, which is the bandwidth at which its rate is assumed; how often
@@ -51,6 +52,7 @@ class Assumption(IntEnum):
     GAIN = 7
     START = 8  # all of these hold, but not for long enough to have brought it into the tube
     TUBE = 9  # and for long enough, and still it is outside
+    LATENESS = 10
 
 
 # of each what is watched, its value in the unit that people read, and that unit
@@ -62,6 +64,7 @@ _WORDS = {
     Assumption.DISTURBANCE_RATE: ("its disturbance changes within a second", 1.0, "m/s^2"),
     Assumption.REFERENCE: ("its reference asks for more than is assumed", 100.0, "%"),
     Assumption.GAIN: ("its applied gain is outside the interval", 1.0, ""),
+    Assumption.LATENESS: ("it follows its commands too late or too early, off the middle by", 1e3, "ms"),
     Assumption.TUBE: ("it is outside its tube although all seems to be as assumed", 1e2, "cm"),
 }
 # the quantities that are watched, in the order of their columns: scalars, then sizes of vectors
@@ -73,6 +76,7 @@ _COLUMNS = (
     *[Assumption.DISTURBANCE_RATE] * 2,
     Assumption.REFERENCE,
     *[Assumption.GAIN] * 2,
+    Assumption.LATENESS,
 )
 _WHICH = np.array(_COLUMNS)
 _OF_RATE = Assumption.DISTURBANCE_RATE.value == _WHICH
@@ -90,6 +94,7 @@ class Seen(NamedTuple):
         disturbance: (N, 3) estimated, m/s^2.
         gain: (N,) applied.
         nominal: (N, 3) v0, m/s^2.
+        acceleration: (N, 3) of the model, m/s^2.
     """
 
     error: FloatArray
@@ -99,6 +104,7 @@ class Seen(NamedTuple):
     disturbance: FloatArray
     gain: FloatArray
     nominal: FloatArray
+    acceleration: FloatArray
 
 
 class Monitors:
@@ -121,6 +127,7 @@ class Monitors:
         self._references, self._count = references, len(references.at_rest)
         self._period = flight.horizontal.design.period
         bounds = [known(axis, flight.gain_min, flight.gain_max, flight.assumptions) for axis in flight.axes]
+        self._lateness, self._late = Lateness(flight.horizontal, self._count), False
         changes = [
             flight.assumptions.rate(axis.design.model, axis.box.low, axis.box.high) / axis.box.low.gain * _RATE_TIME
             + 2.0 * axis.tube.disturbance
@@ -129,7 +136,7 @@ class Monitors:
         self._bounds = np.array(
             [
                 flight.pose_age + _INSTANT, _GAP * self._period, *(bound.innovation for bound in bounds), clip,
-                *changes, 1.0, flight.gain_max, 1.0 / flight.gain_min,
+                *changes, 1.0, flight.gain_max, 1.0 / flight.gain_min, self._lateness.bound,
             ]
         ) * (1.0 + _ROUNDING)  # fmt: skip
         self._tube = np.array([axis.tube.position for axis in flight.axes])
@@ -149,6 +156,8 @@ class Monitors:
         self._now = -math.inf
         self._settled = np.full(self._count, -np.inf)  # when the estimates are
         self._due = np.full(self._count, np.inf)  # when the start is forgotten
+        # when each was not steered last, and when the estimates of all are settled
+        self._grounded, self._ready = np.full(self._count, -np.inf), -math.inf
         self._sizes, self._values = np.zeros((self._count, 3, 2)), np.zeros((self._count, len(_COLUMNS)))
         self._outside = np.zeros(self._count)  # s for which it has been outside without a reason
         self._told = np.full((self._count, len(Assumption)), -np.inf)
@@ -177,13 +186,22 @@ class Monitors:
         squares = squares[..., ::2]
         shares = squares[:, 0] / self._easy[0]
         self.ratio = np.sqrt(np.maximum(shares[:, 0], shares[:, 1]))
+        steady, all_fly = flying, _all(flying)
+        if not all_fly:
+            np.copyto(self._grounded, now, where=~flying)
+            self._ready = now + self._settling
+        if now < self._ready:
+            steady = flying & (self._grounded <= now - self._settling)
+        if self._lateness.note(seen, steady):
+            self._late = float(self._lateness.excess.max()) > self._bounds[10]
         even = max(elapsed, 2.0 * self._period - elapsed)
         jumped = self._jumped(seen.reference)
         bounds = self._bounds
         if (
             even <= bounds[1]
             and jumped is None
-            and _all(flying)
+            and not self._late
+            and all_fly
             and _all(squares <= self._easy)
             and _all(seen.age <= bounds[0])
             and _all(self._references.demand <= bounds[7])
@@ -204,7 +222,7 @@ class Monitors:
         self._values = np.column_stack(
             [
                 seen.age, np.full(self._count, even), sizes[:, 3], np.sqrt(squares[:, 4].sum(axis=1)), sizes[:, 5],
-                demand, gain, 1.0 / gain,
+                demand, gain, 1.0 / gain, self._lateness.excess,
             ]
         )  # fmt: skip
         self._judge(now, flying, self._sizes, self._values > self._bounds)

@@ -204,6 +204,7 @@ class PredictedLoop:
                 predictor.disturbance,
                 output.applied_gain,
                 output.error @ self._feedback,
+                predictor.acceleration,
             ),
         )
         predictor.command(acceleration, self._needed if self._steady else self._needed * flying[:, np.newaxis])

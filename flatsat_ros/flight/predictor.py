@@ -96,6 +96,11 @@ class Predictor:
         """(N, 3) d^, m/s^2, of the command that would make up for it."""
         return self._state[:, _D]
 
+    @property
+    def acceleration(self) -> FloatArray:
+        """(N, 3) of the model at the tick, without the disturbance, m/s^2."""
+        return self._state[:, _A]
+
     def restart(self, drones: np.ndarray, estimated: FloatArray, now: float) -> None:
         """Begin anew with some drones, in an attitude that holds their last command.
 

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.resources import config_path
+from flatsat_ros.base.strict_yaml import read_yaml
 from flatsat_ros.certificate.certificate import Certificate, load_certificate
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import YawMode
@@ -182,6 +184,7 @@ def test_at_rest_the_commands_are_quiet_whatever_the_link(delay: float, certific
     assert np.abs(flown.error[late]).max() < 0.01
 
 
+ADAPTIVE = Certificate.from_document(read_yaml(config_path("cf21_adaptive_50hz")))  # not proved again here
 STEPS = replace(POLICY, goal_mode=GoalMode.STEP, thrust_error_max=0.0)
 
 
@@ -267,3 +270,16 @@ def test_a_reference_whose_drag_needs_more_than_the_input_set_has_is_flown_as_fa
         assert weak.limits.contains(tick.output.acceleration).all()
     assert tick.mode[0] == Mode.FLY
     assert needed == pytest.approx(0.3)  # 1 m/s of climb makes 0.42 m/s^2 of drag
+
+
+@pytest.mark.parametrize(("delay", "told"), [(0.02, False), (0.034, False), (0.1, True)])
+def test_a_link_slower_than_assumed_is_told_within_five_seconds_of_motion(delay: float, told: bool) -> None:
+    room = Room(ADAPTIVE, delay=delay)
+    room.fly(3.0)
+    room.pilot.set_goal(0, [1.2, 0.8, 1.4])
+    flown = room.fly(8.0)
+    moving = flown.times >= 3.0
+    assert (Assumption.LATENESS in flown.column("assumption")[moving]) == told
+    assert (flown.column("guaranteed")[moving].min() == 1.0) == (not told)
+    texts = [report.text for tick in flown.ticks for report in tick.reports]
+    assert any("it follows its commands too late or too early" in text for text in texts) == told

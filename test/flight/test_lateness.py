@@ -1,0 +1,67 @@
+"""How late drones follow their commands is found from innovations, whatever the observer, and noise is no lateness."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from flatsat_ros.base.resources import config_path
+from flatsat_ros.base.strict_yaml import read_yaml
+from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.flight.assumptions import Seen
+from flatsat_ros.flight.lateness import Lateness
+
+FLYING = Certificate.from_document(read_yaml(config_path("cf21_tight_50hz"))).flight  # not proved again here
+PERIOD = 0.02
+
+
+def seen(late: float, noise: float, seed: int) -> Lateness:
+    """Return the fit after 6 s of a motion in which one drone is late, and another one stands still."""
+    assert FLYING is not None
+    lateness, random = Lateness(FLYING.horizontal, 2), np.random.default_rng(seed)
+    h, observer = PERIOD, np.array(FLYING.horizontal.design.observer)
+    F = np.array([[1.0, h, h * h / 2.0], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
+    error = np.zeros((3, 2))  # of position, velocity and disturbance, in x and in y
+    for tick in range(300):
+        t = tick * h
+        acceleration = np.array([0.4 * np.sin(1.5 * t), 0.3 * np.cos(1.1 * t)])
+        innovation = error[0] + noise * random.standard_normal(2)
+        velocity = np.array([0.8 / 1.5 * -np.cos(1.5 * t), 0.6 / 1.1 * np.sin(1.1 * t)])
+        shown = np.zeros((4, 2, 9))  # of both drones
+        shown[0, :, :2], shown[0, 1, :2] = innovation, noise * random.standard_normal(2)
+        shown[1, 0, :2], shown[2, 0, 3:5] = acceleration, velocity
+        rows, none = np.zeros((2, 3)), np.zeros(2)
+        look = Seen(shown[3, :, :6], shown[2], none, shown[0, :, :3], rows, none, rows, shown[1, :, :3])
+        lateness.note(look, np.array([True, True]))
+        # the late drone has the acceleration of some time ago
+        ago = np.array([0.4 * np.sin(1.5 * (t + h / 2 - late)), 0.3 * np.cos(1.1 * (t + h / 2 - late))])
+        now = np.array([0.4 * np.sin(1.5 * (t + h / 2)), 0.3 * np.cos(1.1 * (t + h / 2))])
+        error = F @ (error - np.outer(observer, innovation))
+        error += np.outer([h * h / 2.0, h, 0.0], ago - now)
+    return lateness
+
+
+@given(late=st.floats(-0.15, 0.15))
+@settings(max_examples=15)
+def test_only_a_lateness_outside_the_interval_is_one_and_a_large_one_always(late: float) -> None:
+    lateness = seen(late, 0.0, 0)
+    assert FLYING is not None
+    axis = FLYING.horizontal
+    own = axis.design.model.delay + axis.design.model.lead
+    ends = axis.box.low.delay + axis.box.low.lag - own, axis.box.high.delay + axis.box.high.lag - own
+    assert lateness.bound == pytest.approx((ends[1] - ends[0]) / 2.0)
+    if ends[0] <= late <= ends[1]:
+        assert lateness.excess[0] <= lateness.bound
+    if late < ends[0] - 0.06 or late > ends[1] + 0.06:
+        assert lateness.excess[0] > lateness.bound
+    assert lateness.excess[1] == 0.0
+
+
+def test_noise_is_no_lateness_and_hides_none_that_is_large() -> None:
+    for seed in range(10):
+        calm, late = (seen(s, 3e-4, seed) for s in (0.0, 0.12))
+        assert calm.excess.max() <= calm.bound
+        assert late.excess[0] > late.bound
+        assert late.excess[1] == 0.0
