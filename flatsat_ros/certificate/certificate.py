@@ -187,7 +187,7 @@ class Certificate:
         with np.errstate(all="ignore"):  # absurd figures overflow, which no inequality survives
             margins = self._margins()
             if self.flight is not None:
-                margins |= self.flight.margins(self.limits.inner_radius, self.gain_max)
+                margins |= self.flight.margins(self.limits, self.gain_max)
             return margins
 
     def _margins(self) -> dict[str, float]:

@@ -10,15 +10,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
+from fractions import Fraction
 from typing import Any
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import refusal, require, require_fields, require_not_negative, require_positive
 from flatsat_ros.base.strict_yaml import section
+from flatsat_ros.certificate.enclosures import decimal, sine
 from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_loop import Design, Plant
 from flatsat_ros.certificate.flight_return import Return, box_return
 from flatsat_ros.certificate.flight_tube import Assumptions, Tube, box_tube
+from flatsat_ros.law.input_set import InputSet
 
 # How a cell is written among the cuts of a box.
 _CELL = "-"
@@ -196,29 +199,32 @@ class Flight:
             distances.append(axis.back.certified(axis.tube, own))
         return distances[0], distances[1]
 
-    def margins(self, inner_radius: float, gain_max: float) -> dict[str, float]:
-        """Return by how much, relatively, each inequality holds; negative ones and NaN fail.
+    def margins(self, limits: InputSet, gain_max: float) -> dict[str, float]:
+        """Return by how much, relatively, each inequality holds; negative ones fail. Their signs are exact.
 
         Args:
-            inner_radius: of the largest ball around hovering in V_c, m/s^2.
+            limits: the input set V_c.
             gain_max: the cap that the controller uses.
         """
-        margins = {
-            "flight: gain_min <= 1": 1.0 - self.gain_min,
-            "flight: the cap of the gain is in the interval": self.gain_max / gain_max - 1.0,
-            "flight: the margin is one that a hovering drone has": 1.0 - self.margin / inner_radius,
-        }
         sides, upright = self.horizontal.tube, self.vertical.tube
-        taken = math.hypot(sides.nominal, upright.nominal) + self.compensation
-        margins["flight: |v0| + |d^| <= margin, so that every applied gain is at least 1"] = 1.0 - taken / self.margin
+        taken = _norm(sides.nominal, upright.nominal) + _norm(sides.disturbance, upright.disturbance)
+        margins = {
+            "flight: gain_min <= 1": _spare(decimal(self.gain_min), Fraction(1)),
+            "flight: the cap of the gain is in the interval": _spare(decimal(gain_max), decimal(self.gain_max)),
+            "flight: the margin is one that a hovering drone has": _spare(decimal(self.margin), _inner_radius(limits)),
+            "flight: |v0| + |d^| <= margin, so that every applied gain is at least 1": _spare(
+                taken + decimal(self.disturbance), decimal(self.margin)
+            ),
+        }
         for name, axis in zip(_AXES, self.axes, strict=True):
             tube = axis.proved(self.gain_min, self.gain_max, self.assumptions)
             back = axis.returned(self.gain_min, self.gain_max, self.pose_age)
             for kind, proved, claimed in (("tube", tube, axis.tube), ("way back", back, axis.back)):
                 for claim in fields(proved):
                     if claim.name != "rate":
-                        ratio = getattr(proved, claim.name) / getattr(claimed, claim.name)
-                        margins[f"flight: {name} {kind}, {claim.name}"] = 1.0 - ratio
+                        bound, most = getattr(proved, claim.name), decimal(getattr(claimed, claim.name))
+                        spare = _spare(Fraction(bound), most) if math.isfinite(bound) else -math.inf
+                        margins[f"flight: {name} {kind}, {claim.name}"] = spare
         return margins
 
     @classmethod
@@ -240,3 +246,21 @@ class Flight:
             "assumptions": asdict(self.assumptions),
             **{name: axis.to_document() for name, axis in zip(_AXES, self.axes, strict=True)},
         }
+
+
+def _spare(value: Fraction, most: Fraction) -> float:
+    """Return by how much, relatively, a value is below a bound; below 0 exactly if it is above."""
+    return float(1 - value / most)
+
+
+def _norm(first: float, second: float) -> Fraction:
+    """Return a bound of the root of the sum of two squares, hardly above it."""
+    square = decimal(first) ** 2 + decimal(second) ** 2
+    return Fraction(math.isqrt(math.ceil(square * 10**40)) + 1, 10**20)
+
+
+def _inner_radius(limits: InputSet) -> Fraction:
+    """Return `limits.inner_radius`, rounded down."""
+    gravity = decimal(limits.gravity)
+    lift = decimal(limits.thrust_max) - gravity
+    return min(gravity * sine(decimal(limits.tilt_max)), lift, gravity - decimal(limits.thrust_min))

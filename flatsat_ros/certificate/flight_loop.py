@@ -28,16 +28,16 @@ bounds are bounds of Euclidean norms of vectors over the axes that share their f
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import require, require_fields, require_not_negative, require_number, require_positive
-
-# Delays this close to whole periods, relative to one, are whole.
-_WHOLE = 1e-9
+from flatsat_ros.certificate.enclosures import Enclosure, Numbers, concatenate, decimal, exponential, filled
 
 # Commands under way; more make loops that no design is for.
 _DEPTH = 40
@@ -94,43 +94,65 @@ class Plant:
         return self.lag if self.frequency == 0.0 else 2.0 * self.damping / self.frequency
 
     @cached_property
+    def parameters(self) -> tuple[Fraction, ...]:
+        """The parameters q of the last row: none, (1/lag, g/lag), or (wn^2, wn^2 g, 2 zeta wn, wn^2 tilt)."""
+        gain = decimal(self.gain)
+        if self.frequency > 0.0:
+            frequency = decimal(self.frequency)
+            square = frequency * frequency
+            return square, square * gain, 2 * decimal(self.damping) * frequency, square * decimal(self.tilt)
+        return (1 / decimal(self.lag), gain / decimal(self.lag)) if self.lag > 0.0 else ()
+
+    @cached_property
+    def dynamics(self) -> Dynamics:
+        """The equation, in floating point."""
+        return Dynamics([float(q) for q in self.parameters], self.drag)
+
+    @property
     def system(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """A (n, n), B (n,) and E (n,) of x' = A x + B u(t - d) + E D, with B for a gain of 1: B u is g times that."""
-        n = self.size
-        A, B, E = np.zeros((n, n)), np.zeros(n), np.zeros(n)
-        A[0, 1], A[1, 1], E[1] = 1.0, -self.drag, 1.0
-        if self.frequency > 0.0:
-            square = self.frequency * self.frequency
-            A[1, 2] = A[2, 3] = 1.0
-            A[3] = [0.0, -self.tilt * square, -square, -2.0 * self.damping * self.frequency]
-            B[3] = square
-        elif self.lag > 0.0:
-            A[1, 2], A[2, 2], B[2] = 1.0, -1.0 / self.lag, 1.0 / self.lag
-        else:
-            B[1] = 1.0
+        A, B, E = self.dynamics.system
         return A, B, E
 
     def hold(self, time: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return e^(A t) (n, n) and the responses (n,) to a unit drive and to a unit D, both held for the time, s."""
-        A, B, E = self.system
-        n = self.size
-        held = np.zeros((n + 2, n + 2))
-        held[:n, :n], held[:n, n], held[:n, n + 1] = A, B, E
-        power = exponential(held * time)
-        return power[:n, :n], power[:n, n], power[:n, n + 1]
+        phi, drive, push = self.dynamics.hold(time)
+        return phi, drive, push
 
 
-def exponential(matrix: FloatArray) -> FloatArray:
-    """Return e^M of a small square matrix, by its series and squaring."""
-    halvings = max(0, math.ceil(math.log2(max(float(np.abs(matrix).sum(axis=-1).max()), 1e-300))) + 3)
-    step = matrix / 2.0**halvings
-    result = term = np.eye(len(matrix))
-    for order in range(1, 15):  # the first one left out is below (1/8)^15 / 15! < 1e-25
-        term = term @ step / order
-        result = result + term
-    for _ in range(halvings):
-        result = result @ result
-    return np.asarray(result)
+class Dynamics:
+    """The equation of one plant or, with enclosures, of a batch, at a gain of 1.
+
+    Attributes:
+        size: n, of x = (e, e', a[, a']).
+        system: A (..., n, n), B (..., n) and E (n,) of x' = A x + B c + E D.
+    """
+
+    def __init__(self, parameters: Sequence[Numbers], drag: Numbers) -> None:
+        """Take over the parameters q of the last row and the drag."""
+        n = self.size = 2 + len(parameters) // 2
+        entries: dict[tuple[int, ...], Numbers] = {(0, 1): 1.0, (1, 1): -drag}
+        E = np.zeros(n)
+        E[1] = 1.0
+        B: Numbers = E
+        if parameters:
+            entries |= {(i, i + 1): 1.0 for i in range(1, n - 1)} | {(n - 1, 2): -parameters[0]}
+            B = filled((n,), {(n - 1,): parameters[0]})
+        if n == 4:
+            entries |= {(3, 3): -parameters[2], (3, 1): -parameters[3]}
+        self.system: tuple[Numbers, Numbers, FloatArray] = filled((n, n), entries), B, E
+        self._held: dict[object, tuple[Numbers, Numbers, Numbers]] = {}
+
+    def hold(self, time: Numbers) -> tuple[Numbers, Numbers, Numbers]:
+        """Return e^(A t) (..., n, n) and the responses (..., n) to a unit drive and to a unit D held for a time, s."""
+        key = time.mid.tobytes() if isinstance(time, Enclosure) else time
+        if key not in self._held:
+            A, B, E = self.system
+            n = self.size
+            whole = concatenate([concatenate([A, B[..., None], E[:, None]], -1), np.zeros((2, n + 2))], -2)
+            power = exponential(whole * (time[..., None, None] if isinstance(time, Enclosure) else time))
+            self._held[key] = power[..., :n, :n], power[..., :n, n], power[..., :n, n + 1]
+        return self._held[key]
 
 
 @dataclass(frozen=True)
@@ -178,17 +200,289 @@ class Design:
         return cls(period, model, observer, stiffness, rate, model.delay, model.lead)
 
 
+Pieces = list[tuple[int, Fraction]]
+
+
 def split(delay: float, period: float) -> tuple[int, float]:
     """Return a delay as whole periods and the rest, s."""
-    periods = delay / period
-    whole = math.floor(periods + _WHOLE)
-    rest = periods - whole
-    return whole, rest * period if rest > _WHOLE else 0.0
+    whole = math.floor(decimal(delay) / decimal(period))
+    return whole, float(decimal(delay) - whole * decimal(period))
+
+
+def pieces(delay: Fraction, period: Fraction, until: Fraction) -> Pieces:
+    """Return which commands act from a tick on until a time within the period: how many periods old, and how long."""
+    whole = math.floor(delay / period)
+    rest, found = delay - whole * period, []
+    if rest > 0 and until > 0:
+        found.append((whole + 1, min(rest, until)))
+    if until > rest:
+        found.append((whole, until - rest))
+    return found
+
+
+def _ahead(delay: Fraction, period: Fraction, horizon: Fraction) -> Pieces:
+    """Return which commands act while a delay passes, from a tick on: how many periods old, and how long."""
+    found, elapsed = [], Fraction(0)
+    while elapsed < horizon:
+        index = math.ceil((delay - elapsed) / period)
+        until = min(delay - (index - 1) * period, horizon)
+        found.append((index, until - elapsed))
+        elapsed = until
+    return found
 
 
 @dataclass(frozen=True)
-class FlightLoop:
-    """A design on a plant that is known exactly.
+class Timing:
+    """Which commands act when, on a plant and on the nominal one: how many periods old, and for how long, s.
+
+    Attributes:
+        plant, model: within a period.
+        plant_young, model_young: from the tick to the time of the next pose.
+        ahead: while the law predicts.
+        depth: M, the number of commands under way that z keeps.
+    """
+
+    plant: Pieces
+    model: Pieces
+    plant_young: Pieces
+    model_young: Pieces
+    ahead: Pieces
+    depth: int
+
+    @classmethod
+    def of(cls, design: Design, delay: Fraction, pose_age: Fraction) -> Timing:
+        """Return it for a delay of the plant and an age of poses, s."""
+        h, nominal = decimal(design.period), decimal(design.model.delay)
+        return cls(
+            plant=pieces(delay, h, h),
+            model=pieces(nominal, h, h),
+            plant_young=pieces(delay, h, h - pose_age),
+            model_young=pieces(nominal, h, h - pose_age),
+            ahead=_ahead(nominal, h, decimal(design.horizon)),
+            depth=max(math.ceil(delay / h), math.ceil(nominal / h)),
+        )
+
+
+class Loop:
+    """A design on a plant or, with enclosures for figures, on a batch of plants that differ in figures alone.
+
+    Attributes:
+        design: the controller.
+        body, believed: the equations of plant and of the nominal plant.
+        gain: g.
+        timing: what is under way when; times are figures by `figure`.
+    """
+
+    design: Design
+
+    @property
+    def body(self) -> Dynamics:
+        """The equation of the plant."""
+        raise NotImplementedError
+
+    @property
+    def believed(self) -> Dynamics:
+        """The equation of the nominal plant."""
+        raise NotImplementedError
+
+    @property
+    def gain(self) -> Numbers:
+        """The gain g of the plant."""
+        raise NotImplementedError
+
+    @property
+    def timing(self) -> Timing:
+        """Which commands act when."""
+        raise NotImplementedError
+
+    def figure(self, value: Numbers) -> Numbers:
+        """Return a figure, a fraction or one that a decimal stands for, as the loop computes with it."""
+        raise NotImplementedError
+
+    @property
+    def depth(self) -> int:
+        """M, the number of commands under way that z keeps."""
+        return self.timing.depth
+
+    @property
+    def size(self) -> int:
+        """Number of entries of z."""
+        return self.body.size + self.believed.size + 1 + self.depth
+
+    @property
+    def _error(self) -> int:
+        """Index of D/g - d^ in z."""
+        return self.body.size + self.believed.size
+
+    @cached_property
+    def commands(self) -> FloatArray:
+        """Rows (1 + M, n + 1) that give c_0, ..., c_M from (z, c_0)."""
+        n, rows = self.size, np.zeros((1 + self.depth, self.size + 1))
+        rows[0, n] = 1.0
+        rows[1:, self._error + 1 : n] = np.eye(self.depth)
+        return rows
+
+    def driven(self, dynamics: Dynamics, gain: Numbers, begin: int, acting: Pieces, error: bool = False) -> Numbers:
+        """Return rows (..., x, n + 1) of a plant's state, which is in z from `begin` on, after commands have acted.
+
+        Args:
+            dynamics: of the plant.
+            gain: g.
+            begin: its place in z.
+            acting: which commands, for how long.
+            error: whether -(D/g - d^) is a disturbance to it, as to the nominal plant.
+        """
+        state: Numbers = np.eye(dynamics.size, self.size + 1, begin)
+        for index, time in acting:
+            phi, drive, push = dynamics.hold(self.figure(time))
+            state = phi @ state + (gain * drive[..., None]) * self.commands[index]
+            if error:
+                state = state + push[..., None] * -np.eye(1, self.size + 1, self._error)
+        return state
+
+    @cached_property
+    def prediction(self) -> Numbers:
+        """Rows (2, n) of the predicted p and v + lead (a + d^) of the nominal plant, at the tick, once corrected."""
+        model, n = self.design.model, self.size
+        state = self.driven(self.believed, 1.0, self.body.size, self.timing.ahead, error=True)
+        rows = state[..., 1:2, :]
+        if self.design.lead > 0.0:
+            lead = decimal(self.design.lead)
+            rows = rows + self.figure(lead) * (state[..., 2:3, :] - np.eye(1, n + 1, self._error))
+            if model.frequency > 0.0:  # of e' + model.lead a + a'/wn^2 the derivative is the command, without drag
+                q = model.parameters
+                rows = rows + self.figure(lead / q[2]) * state[..., 3:4, :]
+        return concatenate([state[..., :1, :n], rows[..., :n]], -2)
+
+    @cached_property
+    def feedback(self) -> Numbers:
+        """Row (n,) of v0 = feedback . z, at the tick, after the correction."""
+        stiffness, rate = self.figure(self.design.stiffness), self.figure(self.design.rate)
+        return -(stiffness * self.prediction[..., 0, :]) - rate * self.prediction[..., 1, :]
+
+    @property
+    def moved(self) -> Numbers:
+        """Rows (x, n + 1) of the plant's state a period later, from (z, c_0)."""
+        return self.before_correction[..., : self.body.size, :]
+
+    @property
+    def estimate(self) -> Numbers:
+        """Rows (y, n + 1) of the nominal plant's state before the correction, a period later, from (z, c_0)."""
+        return self.before_correction[..., self.body.size : self._error, :]
+
+    @cached_property
+    def compensation(self) -> FloatArray:
+        """Row (n,) of the part of the command that is not k v0."""
+        row = np.zeros(self.size)
+        row[self._error] = 1.0
+        return row
+
+    @cached_property
+    def before_correction(self) -> Numbers:
+        """Rows (n, n + 1) that give z at the end of the period, before the correction there, from (z, c_0)."""
+        own = self.driven(self.body, self.gain, 0, self.timing.plant)
+        nominal = self.driven(self.believed, 1.0, self.body.size, self.timing.model, error=True)
+        rest = np.concatenate([np.eye(1, self.size + 1, self._error), self.commands[: self.depth]])
+        return concatenate([own, nominal, rest], -2)
+
+    @cached_property
+    def _correction(self) -> Numbers:
+        """Column (n,) of the correction by a unit innovation."""
+        x, observer = self.body.size, [self.figure(gain) for gain in self.design.observer]
+        entries: dict[tuple[int, ...], Numbers] = {
+            (x,): observer[0],
+            (x + 1,): observer[1],
+            (self._error,): -observer[2],
+        }
+        return filled((self.size,), entries)
+
+    @cached_property
+    def _innovation(self) -> Numbers:
+        """Row (1, n + 1) of what the pose says less what was believed of its time, from (z, c_0)."""
+        own = self.driven(self.body, self.gain, 0, self.timing.plant_young)
+        nominal = self.driven(self.believed, 1.0, self.body.size, self.timing.model_young, error=True)
+        return own[..., :1, :] - nominal[..., :1, :]
+
+    def corrected(self, predicted: Numbers) -> Numbers:
+        """Return columns (n, m) of z after a correction by a pose of the tick, from those before it."""
+        innovation = predicted[..., :1, :] - predicted[..., self.body.size : self.body.size + 1, :]
+        return predicted + self._correction[..., None] * innovation
+
+    def matrix(self, gain: Numbers) -> Numbers:
+        """Return A(k) (n, n) of the loop at the applied gain k."""
+        step, n = self.before_correction + self._correction[..., None] * self._innovation, self.size
+        command = self.compensation + self.figure(gain) * self.feedback
+        return step[..., :n] + step[..., n:] * command[..., None, :]
+
+    @cached_property
+    def command_input(self) -> Numbers:
+        """Column (n,) by which an error of the command c_0 enters z+: A(k) - A(0) = k times its product with v0."""
+        n = self.size
+        return self.before_correction[..., n] + self._correction * self._innovation[..., 0, n:]
+
+    @property
+    def noise_input(self) -> Numbers:
+        """Column (n,) of the noise at the tick at the end of the period, m."""
+        return self._correction
+
+    def drive_input(self, time: Numbers) -> Numbers:
+        """Column (n,) of an impulse of drive error, m/s^2 s, `time` seconds before the end of the period."""
+        return self._entered((self.body.hold(time)[0] @ self.body.system[1][..., None]), 0)
+
+    def port_input(self, time: Numbers) -> Numbers:
+        """Column (n,) of a unit impulse at the last row, `time` seconds before the end of the period."""
+        return self._entered(self.body.hold(time)[0][..., -1:], 0)
+
+    def push_input(self, time: Numbers) -> Numbers:
+        """Column (n,) of an impulse of acceleration, m/s^2 s, `time` seconds before the end of the period."""
+        return self._entered(self.body.hold(time)[0] @ self.body.system[2][:, None], 0)
+
+    def model_drive_input(self, time: Numbers) -> Numbers:
+        """Column (n,) of an impulse at the input of the nominal plant, m/s^2 s, `time` before the end of the period."""
+        return self._entered(self.believed.hold(time)[0] @ self.believed.system[1][..., None], self.body.size)
+
+    def rate_input(self, time: Numbers) -> Numbers:
+        """Column (n,) of an impulse of D', m/s^2, `time` seconds before the end of the period.
+
+        D moves by one; the rest of the period feels it as it is, and z refers to the new D from the tick on.
+        """
+        column = self.body.hold(time)[2][..., None]
+        if self.body.size > 2:
+            column = column + np.eye(self.body.size)[:, 2:3]
+        return self._entered(column, 0) + self.share * self.share_input
+
+    @property
+    def share(self) -> Numbers:
+        """1/g, as (..., 1)."""
+        raise NotImplementedError
+
+    @cached_property
+    def share_input(self) -> Numbers:
+        """Column (n,) of a step of D/g alone, m/s^2: on all that refers to the command against it."""
+        column = np.zeros((self.size, 1))
+        if self.believed.size > 2:
+            column[self.body.size + 2] = 1.0
+        column[self._error :] = 1.0
+        return self.corrected(column)[..., 0]
+
+    def unit_inputs(self, body: Dynamics) -> Numbers:
+        """Columns (n, x) of units of the state before the tick, of the plant or the nominal one: body or believed."""
+        begin = 0 if body is self.body else self.body.size
+        return self.corrected(np.eye(self.size)[:, begin : begin + body.size])
+
+    def entered(self, columns: Numbers, begin: int) -> Numbers:
+        """Return columns (n, m) of z after the tick from those of a part of z before it, which begins there."""
+        rest = self.size - begin - columns.shape[-2]
+        m = columns.shape[-1]
+        return self.corrected(concatenate([np.zeros((begin, m)), columns, np.zeros((rest, m))], -2))
+
+    def _entered(self, column: Numbers, begin: int) -> Numbers:
+        return self.entered(column, begin)[..., 0]
+
+
+@dataclass(frozen=True)
+class FlightLoop(Loop):
+    """A design on a plant that is known exactly, in floating point.
 
     Attributes:
         design: the controller.
@@ -213,185 +507,30 @@ class FlightLoop:
             require(delay <= most, "delay", delay, "s", f"at most {most:.6g} s, {_DEPTH} periods")
 
     @property
-    def depth(self) -> int:
-        """M, the number of commands under way that z keeps."""
-        h = self.design.period
-        delays = (self.plant.delay, self.design.model.delay)
-        return max(whole + (rest > 0.0) for whole, rest in (split(delay, h) for delay in delays))
+    def body(self) -> Dynamics:
+        """The equation of the plant."""
+        return self.plant.dynamics
 
     @property
-    def size(self) -> int:
-        """Number of entries of z."""
-        return self.plant.size + self.design.model.size + 1 + self.depth
+    def believed(self) -> Dynamics:
+        """The equation of the nominal plant."""
+        return self.design.model.dynamics
 
     @property
-    def _error(self) -> int:
-        """Index of D/g - d^ in z."""
-        return self.plant.size + self.design.model.size
+    def gain(self) -> float:
+        """The gain g of the plant."""
+        return self.plant.gain
+
+    @property
+    def share(self) -> float:
+        """1/g."""
+        return 1.0 / self.plant.gain
 
     @cached_property
-    def commands(self) -> FloatArray:
-        """Rows (1 + M, n + 1) that give c_0, ..., c_M from (z, c_0)."""
-        n, rows = self.size, np.zeros((1 + self.depth, self.size + 1))
-        rows[0, n] = 1.0
-        rows[1:, self._error + 1 : n] = np.eye(self.depth)
-        return rows
+    def timing(self) -> Timing:
+        """Which commands act when."""
+        return Timing.of(self.design, decimal(self.plant.delay), decimal(self.pose_age))
 
-    @cached_property
-    def prediction(self) -> FloatArray:
-        """Rows (2, n) of the predicted p and v + lead (a + d^) of the nominal plant, at the tick, once corrected."""
-        model, n = self.design.model, self.size
-        start = self.plant.size
-        state = np.zeros((model.size, n + 1))
-        state[:, start : start + model.size] = np.eye(model.size)
-        commands = self.commands
-        h = self.design.period
-        # at time s after the tick the command of i = ceil((d - s)/h) periods ago acts
-        delay, elapsed, E = model.delay, 0.0, np.zeros(n + 1)
-        E[self._error] = -1.0
-        while self.design.horizon - elapsed > _WHOLE * h:
-            index = math.ceil((delay - elapsed) / h - _WHOLE)
-            until = min(delay - (index - 1) * h, self.design.horizon)
-            phi, drive, push = model.hold(until - elapsed)
-            state = phi @ state + np.outer(drive, commands[index]) + np.outer(push, E)
-            elapsed = until
-        velocity = state[1]
-        if self.design.lead > 0.0:
-            velocity = velocity + self.design.lead * (state[2] + E)
-            if model.frequency > 0.0:  # of e' + model.lead a + a'/wn^2 the derivative is the command, without drag
-                velocity = velocity + self.design.lead / model.lead / model.frequency**2 * state[3]
-        return np.stack([state[0, :n], velocity[:n]])
-
-    @cached_property
-    def feedback(self) -> FloatArray:
-        """Row (n,) of v0 = feedback . z, at the tick, after the correction."""
-        position, velocity = self.prediction
-        return np.asarray(-self.design.stiffness * position - self.design.rate * velocity)
-
-    @property
-    def moved(self) -> FloatArray:
-        """Rows (x, n + 1) of the plant's state a period later, from (z, c_0)."""
-        return self._step[0][: self.plant.size]
-
-    @property
-    def estimate(self) -> FloatArray:
-        """Rows (y, n + 1) of the nominal plant's state before the correction, a period later, from (z, c_0)."""
-        return self._step[0][self.plant.size : self._error]
-
-    @cached_property
-    def compensation(self) -> FloatArray:
-        """Row (n,) of the part of the command that is not k v0."""
-        row = np.zeros(self.size)
-        row[self._error] = 1.0
-        return row
-
-    @cached_property
-    def _step(self) -> tuple[FloatArray, FloatArray]:
-        """S (n, n + 1) of z before the correction, S (z, c_0), and the correction (n,) by a unit innovation."""
-        h, n, error = self.design.period, self.size, self._error
-        plant, model = self.plant, self.design.model
-        step, commands = np.zeros((n, n + 1)), self.commands
-        step[: plant.size] = _drive(plant, h, h, plant.gain, 0, commands, n)
-        push = model.hold(h)[2]
-        step[plant.size : error] = _drive(model, h, h, 1.0, plant.size, commands, n)
-        step[plant.size : error, error] -= push
-        step[error, error] = 1.0
-        step[error + 1 :] = commands[: self.depth]
-        correction = np.zeros(n)
-        correction[plant.size : plant.size + 2] = self.design.observer[:2]
-        correction[error] = -self.design.observer[2]
-        return step, correction
-
-    @cached_property
-    def _innovation(self) -> FloatArray:
-        """Row (n + 1,) of what the pose says less what was believed of its time, from (z, c_0)."""
-        if self.pose_age == 0.0:
-            return np.asarray(self._step[0][0] - self._step[0][self.plant.size])
-        h, n, plant, model = self.design.period, self.size, self.plant, self.design.model
-        time = h - self.pose_age
-        row = _drive(plant, h, time, plant.gain, 0, self.commands, n)[0]
-        row = row - _drive(model, h, time, 1.0, plant.size, self.commands, n)[0]
-        row[self._error] += model.hold(time)[2][0]
-        return np.asarray(row)
-
-    @property
-    def before_correction(self) -> FloatArray:
-        """Rows (n, n + 1) that give z at the end of the period, before the correction there, from (z, c_0)."""
-        return self._step[0]
-
-    def corrected(self, predicted: FloatArray) -> FloatArray:
-        """Return z after a correction by a pose of the tick, from z before it; (n,), or columns (n, m)."""
-        innovation = predicted[0] - predicted[self.plant.size]
-        return np.asarray(predicted + np.multiply.outer(self._step[1], innovation))
-
-    def matrix(self, gain: float) -> FloatArray:
-        """Return A(k) (n, n) of the loop at the applied gain k."""
-        step, n = self._step[0] + np.outer(self._step[1], self._innovation), self.size
-        return np.asarray(step[:, :n] + np.outer(step[:, n], self.compensation + gain * self.feedback))
-
-    @cached_property
-    def command_input(self) -> FloatArray:
-        """Column (n,) by which an error of the command c_0 enters z+: A(k) - A(0) = k times its product with v0."""
-        return np.asarray(self._step[0][:, self.size] + self._step[1] * self._innovation[self.size])
-
-    @property
-    def noise_input(self) -> FloatArray:
-        """Column (n,) of the noise at the tick at the end of the period, m."""
-        return self._step[1]
-
-    def drive_input(self, time: float) -> FloatArray:
-        """Column (n,) of an impulse of drive error, m/s^2 s, `time` seconds before the end of the period."""
-        return self.corrected(self._padded(self.plant.hold(time)[0] @ self.plant.system[1], 0))
-
-    def push_input(self, time: float) -> FloatArray:
-        """Column (n,) of an impulse of acceleration, m/s^2 s, `time` seconds before the end of the period."""
-        return self.corrected(self._padded(self.plant.hold(time)[0] @ self.plant.system[2], 0))
-
-    def model_drive_input(self, time: float) -> FloatArray:
-        """Column (n,) of an impulse at the input of the nominal plant, m/s^2 s, `time` before the end of the period."""
-        model = self.design.model
-        return self.corrected(self._padded(model.hold(time)[0] @ model.system[1], self.plant.size))
-
-    def rate_input(self, time: float) -> FloatArray:
-        """Column (n,) of an impulse of D', m/s^2, `time` seconds before the end of the period.
-
-        D moves by one; the rest of the period feels it as it is, and z refers to the new D from the tick on.
-        """
-        column = self._padded(self.plant.hold(time)[2], 0)
-        if self.plant.size > 2:
-            column[2] += 1.0
-        return self.corrected(column) + self.share_input / self.plant.gain
-
-    @property
-    def share_input(self) -> FloatArray:
-        """Column (n,) of a step of D/g alone, m/s^2: on all that refers to the command against it."""
-        column = np.zeros(self.size)
-        if self.design.model.size > 2:
-            column[self.plant.size + 2] = 1.0
-        column[self._error :] = 1.0
-        return self.corrected(column)
-
-    @property
-    def model_unit_inputs(self) -> FloatArray:
-        """Columns (n, y) of units of the nominal plant's state before the tick."""
-        size = self.design.model.size
-        return self.corrected(np.eye(self.size)[:, self.plant.size : self.plant.size + size])
-
-    def _padded(self, part: FloatArray, begin: int) -> FloatArray:
-        column = np.zeros(self.size)
-        column[begin : begin + len(part)] = part
-        return column
-
-
-def _drive(plant: Plant, h: float, time: float, gain: float, begin: int, commands: FloatArray, n: int) -> FloatArray:
-    """Return rows (plant.size, n + 1): x at a time within the period from (z, c_0); x is in z from `begin` on."""
-    whole, rest = split(plant.delay, h)
-    rows = np.zeros((plant.size, n + 1))
-    rows[:, begin : begin + plant.size] = np.eye(plant.size)
-    if rest > 0.0:
-        phi, drive, _ = plant.hold(min(rest, time))
-        rows = phi @ rows + gain * np.outer(drive, commands[whole + 1])
-    if time > rest:
-        phi, drive, _ = plant.hold(time - rest)
-        rows = phi @ rows + gain * np.outer(drive, commands[whole])
-    return rows
+    def figure(self, value: Numbers) -> float:
+        """Return a figure as a float."""
+        return float(value)

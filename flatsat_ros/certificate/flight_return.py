@@ -11,6 +11,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
+import numpy as np
+
+from flatsat_ros.certificate.enclosures import UP, decimal, growth
+from flatsat_ros.certificate.flight_bounds import Drives
 from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_loop import Design
 from flatsat_ros.certificate.flight_tube import Tube, cell_bounds, cells
@@ -51,20 +55,20 @@ class Return:
         return (room - tube.nominal - self.nominal_velocity * velocity) / self.nominal
 
 
-def cell_return(
+def cell_returns(
     design: Design,
-    box: Box,
+    boxes: Sequence[Box],
     gain_min: float,
     gain_max: float,
     rate: float,
     pose_age: float = 0.0,
     lag_varies: bool = False,
-) -> Return:
-    """Return how all plants of a box return, as one cell; infinite bounds if so fast a return cannot be shown.
+) -> list[Return]:
+    """Return how all plants of each of some boxes return, as one cell each; infinite bounds where it cannot be shown.
 
     Args:
         design: the controller.
-        box: the plants, none of whose delays are separated by a whole period.
+        boxes: the plants, none of whose delays are separated by a whole period.
         gain_min: smallest applied gain k, which may be another at every tick.
         gain_max: largest applied gain.
         rate: 1/s.
@@ -74,21 +78,22 @@ def cell_return(
     Raises:
         FlatsatError: as `cell_tube`.
     """
-    h, growth = design.period, math.exp(rate * design.period)
-    bounds = cell_bounds(design, box, gain_min, gain_max, pose_age, lag_varies, growth)
-    found = Return(rate, math.inf, math.inf, math.inf, math.inf)
-    if not bounds.answers.finite:
-        return found
-    late = pose_age / 2.0 * math.exp(rate * (pose_age + h))  # what it sees has decayed less
-    pairs = []
-    for i in range(2):
-        settled = bounds.settled(*bounds.started(i), 0.0, 0.0, 0.0, late)
-        if settled is None:
-            return found
-        # from tick to tick: the tick before has decayed by one period less
-        pairs.append((growth * (float(settled[0][0]) + h * h / 8.0 * settled[1]), float(settled[0][2])))
-    (position, nominal), (position_velocity, nominal_velocity) = pairs
-    return Return(rate, position, position_velocity, nominal, nominal_velocity)
+    h = decimal(design.period)
+    faster = growth(decimal(rate) * h)
+    found = [Return(rate, math.inf, math.inf, math.inf, math.inf)] * len(boxes)
+    for places, bounds in cell_bounds(design, boxes, gain_min, gain_max, pose_age, lag_varies, faster):
+        none = np.zeros(len(places))
+        later = bounds.pose_age * growth(decimal(rate) * (decimal(pose_age) + h)) * UP  # what it sees has decayed less
+        ways = []
+        for i in range(2):
+            tracked, bend = bounds.settled(*bounds.started(i), Drives(none, none, 0.0, later))
+            # from tick to tick: the tick before has decayed by one period less
+            position = faster * (tracked[:, 0] + bounds.cells.period**2 / 8.0 * bend) * UP
+            ways.append((position.tolist(), tracked[:, 2].tolist()))
+        (positions, nominals), (positions_velocity, nominals_velocity) = ways
+        for place, *claims in zip(places, positions, positions_velocity, nominals, nominals_velocity, strict=True):
+            found[place] = Return(rate, *claims)
+    return found
 
 
 def box_return(
@@ -114,6 +119,7 @@ def box_return(
         lag_varies: whether lag, frequency and damping change in flight.
     """
     found = Return(rate, 0.0, 0.0, 0.0, 0.0)
-    for part in cells(box, cuts, design.period, lag_varies):
-        found |= cell_return(design, part, gain_min, gain_max, rate, pose_age, lag_varies)
+    parts = cells(box, cuts, design.period, lag_varies)
+    for part in cell_returns(design, parts, gain_min, gain_max, rate, pose_age, lag_varies):
+        found |= part
     return found

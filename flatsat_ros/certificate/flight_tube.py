@@ -11,12 +11,16 @@ convex; only what is left, of second order, is left to the small gains. docs/mat
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
+from fractions import Fraction
+
+import numpy as np
 
 from flatsat_ros.base.errors import FlatsatError, refusal, require_fields, require_not_negative
-from flatsat_ros.certificate.flight_bounds import Bounds
-from flatsat_ros.certificate.flight_cell import Box, Cell
+from flatsat_ros.certificate.enclosures import UP, decimal, upper
+from flatsat_ros.certificate.flight_bounds import Bounds, Drives
+from flatsat_ros.certificate.flight_cell import Box, side_by_side
 from flatsat_ros.certificate.flight_loop import Design, Plant
 
 
@@ -58,17 +62,19 @@ class Assumptions:
             low: least figures of the plants.
             high: largest figures of the plants.
         """
-        jerk, snap = self.ripple(model), self.snap + abs(model.drag + model.tilt) * self.jerk
-        second = low.frequency > 0.0
-        shortest = 2.0 * low.damping / high.frequency if second else low.lag
-        longest = 2.0 * high.damping / low.frequency if second else high.lag
-        lag = 1.0 / low.frequency**2 if second else 0.0
-        due = model.lead + model.delay  # f is taken ahead by so much, and by half a period
-        early = max(abs(due - longest - high.delay), abs(due - shortest - low.delay))
-        ahead = max(abs(low.delay - model.delay), abs(high.delay - model.delay)) + period / 2.0
-        bend = ahead**2 / 2.0 + model.lead * ahead + lag + period**2 / 4.0
-        tilted = max(abs(low.tilt), abs(high.tilt)) / low.gain * (longest * self.acceleration + lag * self.jerk)
-        return early * jerk + bend * snap + tilted
+        jerk = self._ripple(model)
+        snap = decimal(self.snap) + abs(decimal(model.drag) + decimal(model.tilt)) * decimal(self.jerk)
+        nominal, lead, h = decimal(model.delay), _leads(model, model)[0], decimal(period)
+        shortest, longest = _leads(low, high)
+        lag = 1 / decimal(low.frequency) ** 2 if low.frequency > 0.0 else 0
+        earliest, latest = decimal(low.delay), decimal(high.delay)
+        due = lead + nominal  # f is taken ahead by so much, and by half a period
+        early = max(abs(due - longest - latest), abs(due - shortest - earliest))
+        ahead = max(abs(earliest - nominal), abs(latest - nominal)) + h / 2
+        bend = ahead**2 / 2 + lead * ahead + lag + h**2 / 4
+        leaning = max(abs(decimal(plant.tilt)) for plant in (low, high)) / decimal(low.gain)
+        tilted = leaning * (longest * decimal(self.acceleration) + lag * decimal(self.jerk))
+        return upper(early * jerk + bend * snap + tilted)
 
     def ripple(self, model: Plant) -> float:
         """Return a bound of how fast f has to change for the reference, m/s^3.
@@ -78,7 +84,10 @@ class Assumptions:
         Args:
             model: the nominal plant.
         """
-        return self.jerk + abs(model.drag + model.tilt) * self.acceleration
+        return upper(self._ripple(model))
+
+    def _ripple(self, model: Plant) -> Fraction:
+        return decimal(self.jerk) + abs(decimal(model.drag) + decimal(model.tilt)) * decimal(self.acceleration)
 
     def rate(self, model: Plant, low: Plant, high: Plant) -> float:
         """Return a bound of D', m/s^3, on any plant between two: of nature, and of what the loop makes of references.
@@ -88,10 +97,20 @@ class Assumptions:
             low: least figures of the plants.
             high: largest figures of the plants.
         """
-        asked = model.drag + model.tilt
-        wrong_gain = max(abs(low.gain - 1.0), abs(high.gain - 1.0))
-        unknown = max(abs(asked - low.drag - low.tilt), abs(asked - high.drag - high.tilt))
-        return self.disturbance_rate + wrong_gain * self.ripple(model) + unknown * self.acceleration
+        acceleration = decimal(self.acceleration)
+        asked = decimal(model.drag) + decimal(model.tilt)
+        wrong_gain = max(abs(decimal(plant.gain) - 1) for plant in (low, high))
+        unknown = max(abs(asked - decimal(plant.drag) - decimal(plant.tilt)) for plant in (low, high))
+        made = wrong_gain * self._ripple(model) + unknown * acceleration
+        return upper(decimal(self.disturbance_rate) + made)
+
+
+def _leads(low: Plant, high: Plant) -> tuple[Fraction, Fraction]:
+    """Return the shortest and the longest lead of plants between two, s."""
+    if low.frequency > 0.0:
+        shortest = 2 * decimal(low.damping) / decimal(high.frequency)
+        return shortest, 2 * decimal(high.damping) / decimal(low.frequency)
+    return decimal(low.lag), decimal(high.lag)
 
 
 @dataclass(frozen=True)
@@ -134,58 +153,65 @@ def cell_tube(
     Raises:
         FlatsatError: a whole period lies inside the interval of the delay, or the gains are no interval above 0.
     """
-    bounds = cell_bounds(design, box, gain_min, gain_max, assumptions.pose_age, lag_varies)
-    model, period = design.model, design.period
-    rate, error = assumptions.rate(model, box.low, box.high), assumptions.drive(model, period, box.low, box.high)
-    cell = bounds.cell
-    if not bounds.answers.finite:
-        return Tube(math.inf, math.inf, math.inf, math.inf)
-    model_drive = assumptions.drive(model, period, model, model)
-    inputs = bounds.amplitudes(
-        cell.port_gain * error,
-        rate=rate,
-        noise=assumptions.noise,
-        share=cell.share_error * rate,
-        model_drive=model_drive,
-    )
-    ripple = assumptions.ripple(model)
-    inputs += bounds.held(cell.port_gain * ripple, ripple)
-    most = ripple * period / 2.0
-    settled = bounds.settled(
-        *bounds.answered(inputs),
-        cell.port_gain * (error + most),
-        rate,
-        model_drive + most,
-        assumptions.pose_age / 2.0,
-    )
-    if settled is None:
-        return Tube(math.inf, math.inf, math.inf, math.inf)
-    (position, velocity, nominal, disturbance), bend = settled[0].tolist(), settled[1]
-    return Tube(position + period * period / 8.0 * bend, velocity, nominal, disturbance)
+    return cell_tubes(design, [box], gain_min, gain_max, assumptions, lag_varies)[0]
+
+
+def cell_tubes(
+    design: Design,
+    boxes: Sequence[Box],
+    gain_min: float,
+    gain_max: float,
+    assumptions: Assumptions,
+    lag_varies: bool = False,
+) -> list[Tube]:
+    """Return the tube of each of some boxes, as one cell each; all else is as for `cell_tube`."""
+    model, tubes = design.model, [Tube(math.inf, math.inf, math.inf, math.inf)] * len(boxes)
+    model_drive, ripple = assumptions.drive(model, design.period, model, model), assumptions.ripple(model)
+    most = ripple * design.period / 2.0 * UP
+    for places, bounds in cell_bounds(design, boxes, gain_min, gain_max, assumptions.pose_age, lag_varies):
+        cells, parts = bounds.cells, [boxes[place] for place in places]
+        rate = np.array([assumptions.rate(model, box.low, box.high) for box in parts])
+        error = np.array([assumptions.drive(model, design.period, box.low, box.high) for box in parts])
+        inputs = bounds.amplitudes(
+            cells.port_gain * error,
+            rate=rate,
+            noise=assumptions.noise,
+            share=cells.share_error * rate,
+            model_drive=model_drive,
+        )
+        inputs += bounds.held(cells.port_gain * ripple, ripple)
+        drives = Drives(cells.port_gain * (error + most) * UP, rate, model_drive + most, bounds.pose_age)
+        found, bend = bounds.settled(*bounds.answered(inputs), drives)
+        found[:, 0] += cells.period**2 / 8.0 * bend
+        for place, values in zip(places, (found * UP).tolist(), strict=True):
+            tubes[place] = Tube(values[0], values[1], values[2], values[3])
+    return tubes
 
 
 def cell_bounds(
     design: Design,
-    box: Box,
+    boxes: Sequence[Box],
     gain_min: float,
     gain_max: float,
     pose_age: float,
     lag_varies: bool,
-    growth: float | None = None,
-) -> Bounds:
-    """Return the sums of a box as one cell, whose poses are half as old as they may be, having checked that it is one.
+    faster: float | None = None,
+) -> Iterator[tuple[list[int], Bounds]]:
+    """Yield the sums of boxes as one cell each, whose poses are half as old as they may be, with the boxes' places.
 
     Raises:
-        FlatsatError: a whole period lies inside the interval of the delay, the gains are no interval above 0, or poses
+        FlatsatError: a whole period lies inside the interval of a delay, the gains are no interval above 0, or poses
             are older than two periods.
     """
     if not pose_age <= 2.0 * design.period:
         raise refusal("pose_age", pose_age, "s", f"at most two periods, {2.0 * design.period:g} s")
-    if not box.within_periods(design.period):
-        raise FlatsatError(f"delays from {box.low.delay} to {box.high.delay} s: must have no whole period inside")
+    for box in boxes:
+        if not box.within_periods(design.period):
+            raise FlatsatError(f"delays from {box.low.delay} to {box.high.delay} s: must have no whole period inside")
     if not 0.0 < gain_min <= gain_max:
         raise refusal("gain_min", gain_min, "", f"above 0 and at most gain_max, {gain_max:g}")
-    return Bounds(Cell(design, box, pose_age / 2.0), gain_min, gain_max, growth, lag_varies)
+    for places, cells in side_by_side(design, boxes, decimal(pose_age) / 2):
+        yield places, Bounds(cells, gain_min, gain_max, faster, lag_varies)
 
 
 def box_tube(
@@ -213,8 +239,9 @@ def box_tube(
         FlatsatError: as `cell_tube`; or the cuts leave parts over, go on without any, or name no figure of a part.
     """
     tube = Tube(0.0, 0.0, 0.0, 0.0)
-    for part in cells(box, cuts, design.period, lag_varies):
-        tube |= cell_tube(design, part, gain_min, gain_max, assumptions, lag_varies)
+    parts = cells(box, cuts, design.period, lag_varies)
+    for part in cell_tubes(design, parts, gain_min, gain_max, assumptions, lag_varies):
+        tube |= part
     return tube
 
 

@@ -12,8 +12,9 @@ from dataclasses import fields
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.certificate.enclosures import exponential
 from flatsat_ros.certificate.flight_cell import Box
-from flatsat_ros.certificate.flight_loop import Plant, exponential, split
+from flatsat_ros.certificate.flight_loop import Plant, split
 
 _CHANGING = ("lag", "frequency", "damping")
 

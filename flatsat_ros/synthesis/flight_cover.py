@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_loop import Design
-from flatsat_ros.certificate.flight_tube import Assumptions, Tube, cell_tube
+from flatsat_ros.certificate.flight_tube import Assumptions, Tube, cell_tubes
 
 # How much one figure matters against another, per width relative to its value; only the number of cells depends on it.
 _WEIGHTS = {"lag": 1.0, "gain": 1.25, "frequency": 2.0, "damping": 1.0, "tilt": 0.1, "drag": 0.05}
@@ -50,9 +51,24 @@ def corner_tube(
     The arguments are those of `cover`.
     """
     tube = Tube(0.0, 0.0, 0.0, 0.0)
-    for corner in corners(box, lag_varies):
-        tube |= cell_tube(design, corner, gain_min, gain_max, assumptions, lag_varies)
+    for corner in cell_tubes(design, corners(box, lag_varies), gain_min, gain_max, assumptions, lag_varies):
+        tube |= corner
     return tube
+
+
+@dataclass
+class _Part:
+    """A part of a box: the figure across which it is cut, "" for a cell, and its halves."""
+
+    box: Box
+    cut: str = ""
+    halves: tuple[_Part, ...] = ()
+
+    def cuts(self) -> Iterator[str]:
+        """Yield the cuts as `box_tube` reads them."""
+        yield self.cut
+        for half in self.halves:
+            yield from half.cuts()
 
 
 def cover(
@@ -84,22 +100,27 @@ def cover(
     aim = worst.position * (1.0 + excess)
     if not worst.position < math.inf:
         raise FlatsatError("tube of a corner of the box = inf m: must be bounded, with other gains or a smaller box")
-    cuts: list[str] = []
-    proved, waiting = Tube(0.0, 0.0, 0.0, 0.0), [box]
+    proved, root = Tube(0.0, 0.0, 0.0, 0.0), _Part(box)
+    count, waiting = 1, [root]
     while waiting:
-        part = waiting.pop()
-        whole, name = part.within_periods(design.period), _next_cut(part, design.period, lag_varies)
-        if whole:
-            tube = cell_tube(design, part, gain_min, gain_max, assumptions, lag_varies)
-            if not name or tube.position <= aim:
-                cuts.append("")
+        whole = [part for part in waiting if part.box.within_periods(design.period)]
+        boxes = [part.box for part in whole]
+        tubes = cell_tubes(design, boxes, gain_min, gain_max, assumptions, lag_varies)
+        done = set()
+        for part, tube in zip(whole, tubes, strict=True):
+            if tube.position <= aim or not _next_cut(part.box, design.period, lag_varies):
                 proved |= tube
-                continue
-        cuts.append(name)
-        waiting.extend(reversed(part.halves(name, design.period)))
-        if len(cuts) > 2 * cells_max:
+                done.add(id(part))
+        waiting = [part for part in waiting if id(part) not in done]
+        for part in waiting:
+            part.cut = _next_cut(part.box, design.period, lag_varies)
+            first, second = part.box.halves(part.cut, design.period)
+            part.halves = _Part(first), _Part(second)
+        count += 2 * len(waiting)
+        if count > 2 * cells_max:
             raise FlatsatError(f"cells = more than {cells_max}: must be fewer, with a larger excess than {excess:g}")
-    return Cover(tuple(cuts), proved, worst)
+        waiting = [half for part in waiting for half in part.halves]
+    return Cover(tuple(root.cuts()), proved, worst)
 
 
 def _next_cut(box: Box, period: float, lag_varies: bool) -> str:

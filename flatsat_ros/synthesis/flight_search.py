@@ -22,7 +22,7 @@ from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_loop import Design, FlightLoop, Plant
-from flatsat_ros.certificate.flight_tube import Assumptions, Tube, cell_tube
+from flatsat_ros.certificate.flight_tube import Assumptions, Tube, cell_tubes
 from flatsat_ros.synthesis.flight_design import AxisDesign
 from flatsat_ros.synthesis.flight_wishes import Plants
 
@@ -124,10 +124,8 @@ class Goal:
     def worst(self, design: Design, plants: Plants, boxes: list[Box]) -> Tube:
         """Return the tube of the worst corner."""
         tube = Tube(0.0, 0.0, 0.0, 0.0)
-        for box in boxes:
-            tube |= cell_tube(design, box, 1.0, self.gain_max, self.assumptions, plants.lag_varies)
-            if not tube.position < _ABSURD:
-                break
+        for corner in cell_tubes(design, boxes, 1.0, self.gain_max, self.assumptions, plants.lag_varies):
+            tube |= corner
         return tube
 
     def cost(self, design: Design, plants: Plants, boxes: list[Box]) -> float:

@@ -13,7 +13,8 @@ from numpy.polynomial import Polynomial
 from scipy.linalg import expm
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.certificate.flight_loop import Design, FlightLoop, Plant, exponential, split
+from flatsat_ros.certificate.enclosures import exponential
+from flatsat_ros.certificate.flight_loop import Design, FlightLoop, Plant, split
 from flatsat_ros.certificate.flight_tube import Assumptions
 
 PERIOD = 0.02

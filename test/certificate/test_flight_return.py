@@ -9,7 +9,7 @@ import pytest
 
 from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_loop import Design, FlightLoop, Plant
-from flatsat_ros.certificate.flight_return import Return, box_return, cell_return
+from flatsat_ros.certificate.flight_return import Return, box_return, cell_returns
 from flatsat_ros.certificate.flight_tube import Assumptions, box_tube
 
 PERIOD, RATE = 0.02, 0.6
@@ -47,7 +47,7 @@ def test_starts_decay_as_is_claimed(returned: Return) -> None:
 
 def test_for_one_plant_and_one_gain_it_is_what_happens() -> None:
     plant = Plant(0.031, 0.142, gain=0.99)
-    found = cell_return(DESIGN, Box(plant, plant), 1.2, 1.2, RATE)
+    found = cell_returns(DESIGN, [Box(plant, plant)], 1.2, 1.2, RATE)[0]
     for entry, claims in enumerate(
         ((found.position, found.nominal), (found.position_velocity, found.nominal_velocity))
     ):

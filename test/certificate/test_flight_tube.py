@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.certificate.flight_cell import Box, Cell, figures
-from flatsat_ros.certificate.flight_loop import Design, FlightLoop, Plant
+from flatsat_ros.certificate.enclosures import decimal
+from flatsat_ros.certificate.flight_cell import Box, Cell, Cells
+from flatsat_ros.certificate.flight_loop import Design, Dynamics, FlightLoop, Plant
 from flatsat_ros.certificate.flight_tube import Assumptions, Tube, cell_bounds, cell_tube
 
 PERIOD = 0.02
@@ -107,12 +109,13 @@ def test_for_one_plant_and_one_gain_the_tube_is_what_an_attack_reaches(order: st
 @pytest.mark.parametrize("order", DESIGNS)
 def test_commands_that_are_held_while_the_reference_moves_on_do_little(order: str) -> None:
     design, plant = DESIGNS[order], some_plant(BOXES[order], np.random.default_rng(3), corner=False)
-    loop, bounds = FlightLoop(design, plant), cell_bounds(design, Box(plant, plant), 1.0, 1.0, 0.0, False)
+    loop = FlightLoop(design, plant)
+    _, bounds = next(cell_bounds(design, [Box(plant, plant)], 1.0, 1.0, 0.0, False))
     port = plant.system[1][-1] * plant.gain
     half = PERIOD / 2.0
     for model, held, plain in (
-        (False, bounds.held(port, 0.0), bounds.amplitudes(port * half)),
-        (True, bounds.held(0.0, 1.0), bounds.amplitudes(0.0, model_drive=half)),
+        (False, bounds.held(np.array([port]), 0.0), bounds.amplitudes(port * half)),
+        (True, bounds.held(np.zeros(1), 1.0), bounds.amplitudes(0.0, model_drive=half)),
     ):
         worst = np.zeros(4)
         for begin in np.linspace(0.0, PERIOD, 5)[:-1]:  # of what is held, within the period
@@ -123,9 +126,9 @@ def test_commands_that_are_held_while_the_reference_moves_on_do_little(order: st
                 total += np.abs(rows @ answer)
                 answer = loop.matrix(1.0) @ answer
             worst = np.maximum(worst, total)
-        claimed = bounds.answers.sums[:4] @ held
+        claimed = bounds.sums[0, :4] @ held[0]
         assert (worst <= claimed).all()
-        assert (claimed <= 0.1 * (bounds.answers.sums[:4] @ plain)).all()  # of inputs that have no mean of 0
+        assert (claimed <= 0.1 * (bounds.sums[0, :4] @ plain[0])).all()  # of inputs that have no mean of 0
 
 
 @pytest.mark.parametrize("order", DESIGNS)
@@ -182,49 +185,54 @@ LEANING = Box(replace(BOXES["second"].low, tilt=-0.3), replace(BOXES["second"].h
 @settings(max_examples=20)
 def test_every_plant_of_a_box_is_between_the_vertices_of_its_cell(seed: int, box: Box, corner: bool) -> None:
     random = np.random.default_rng(seed)
-    design = DESIGNS["second" if box.low.frequency > 0.0 else "first"]
-    cell, plant = Cell(design, box), some_plant(box, random, corner)
-    p = np.array(figures(plant)) - np.array(figures(cell.loop.plant))
-    p[1] -= cell.loop.plant.gain * p[0]
+    cell, plant = Cell(box), some_plant(box, random, corner)
+    gain = float(cell.parameters[1] / cell.parameters[0])
+    p = np.array(plant.parameters) - np.array(cell.parameters)
+    p[1] -= p[0] * cell.parameters[1] / cell.parameters[0]
     if len(p) == 4:
-        p[3] -= cell.loop.plant.tilt * p[0]
-    point = np.append(p, plant.delay - cell.loop.plant.delay)
-    scale, count = np.ptp(cell.vertices, axis=0), len(cell.vertices)
-    equations = np.vstack([(cell.vertices / scale).T, np.ones(count)])
+        p[3] -= p[0] * cell.parameters[3] / cell.parameters[0]
+    point = np.append(p, decimal(plant.delay) - cell.delay).astype(float)
+    vertices = np.array(cell.vertices).astype(float)
+    scale, count = np.ptp(vertices, axis=0), len(vertices)
+    equations = np.vstack([(vertices / scale).T, np.ones(count)])
     shares = linprog(np.zeros(count), A_eq=equations, b_eq=np.append(point / scale, 1.0), bounds=(0.0, 1.0))
     assert shares.status == 0
-    assert figures(plant)[1] <= cell.port_gain * (1.0 + 1e-12)
+    assert plant.parameters[1] <= cell.port_gain
     # the plant is the one in the middle with p'F added to its last row
     x, c = random.standard_normal(plant.size), random.standard_normal()
-    signals = cell.on_state @ x + np.array([cell.loop.plant.gain, 1.0, 0.0, 0.0][: len(p)]) * c
-    own, other = (body.system[0] @ x + body.gain * body.system[1] * c for body in (plant, cell.loop.plant))
-    other[1] += (cell.loop.plant.drag - plant.drag) * x[1]
-    np.testing.assert_allclose(own, other + np.eye(plant.size)[-1] * (p @ signals), rtol=1e-9, atol=1e-9)
-    assert abs(cell.loop.plant.drag - plant.drag) <= cell.drag_error * (1.0 + 1e-12)
+    design = DESIGNS["second" if box.low.frequency > 0.0 else "first"]
+    alone = Cells(design, [cell], Fraction(0))
+    signals = alone.on_state.mid[0] @ x + alone.on_command.mid[0, :, 0] * c
+    middle = Dynamics([float(q) for q in cell.parameters], float(cell.drag))
+    own, other = (body.system[0] @ x + g * body.system[1] * c for body, g in ((plant, plant.gain), (middle, gain)))
+    other[1] += (float(cell.drag) - plant.drag) * x[1]
+    np.testing.assert_allclose(own, other + np.eye(plant.size)[-1] * (point[:-1] @ signals), rtol=1e-9, atol=1e-9)
+    assert abs(decimal(plant.drag) - cell.drag) <= cell.drag_error
 
 
 @pytest.mark.parametrize("order", DESIGNS)
 def test_the_derivatives_of_a_cell_are_those_of_the_step(order: str) -> None:
-    cell = Cell(DESIGNS[order], BOXES[order])
-    middle = cell.loop.plant
-    count = len(cell.derivatives) - 1
+    cell = Cell(BOXES[order])
+    cells, middle = Cells(DESIGNS[order], [cell], Fraction(0)), [float(q) for q in cell.parameters]
+    count = len(middle)
 
     def moved(p: np.ndarray) -> np.ndarray:
         """The step on (z, c_0) of a plant at a distance from the middle."""
-        q = np.array(figures(middle)) + p[:count]
-        q[1] += middle.gain * p[0]
-        plant = Plant(middle.delay + p[-1], 1.0 / q[0], gain=q[1] / q[0], drag=middle.drag)
+        q = np.array(middle) + p[:count]
+        q[1] += middle[1] / middle[0] * p[0]
+        delay, drag = float(cell.delay) + p[-1], float(cell.drag)
+        plant = Plant(delay, 1.0 / q[0], gain=q[1] / q[0], drag=drag)
         if count == 4:
-            q[3] += middle.tilt * p[0]
+            q[3] += middle[3] / middle[0] * p[0]
             wn = math.sqrt(q[0])
-            plant = Plant(middle.delay + p[-1], 0.0, wn, q[2] / (2.0 * wn), q[1] / q[0], q[3] / q[0], middle.drag)
+            plant = Plant(delay, 0.0, wn, q[2] / (2.0 * wn), q[1] / q[0], q[3] / q[0], drag)
         loop = FlightLoop(DESIGNS[order], plant)
         return np.column_stack([loop.matrix(0.0) - np.outer(loop.command_input, loop.compensation), loop.command_input])
 
-    for i, derivative in enumerate(cell.derivatives):
+    for i in range(count + 1):
         p = np.eye(count + 1)[i] * (1e-5 if i < count else 1e-6)
         difference = (moved(p) - moved(-p)) / (2.0 * p[i])
-        np.testing.assert_allclose(derivative, difference, rtol=1e-5, atol=1e-7)
+        np.testing.assert_allclose(cells.derivatives.mid[0, i], difference, rtol=1e-5, atol=1e-7)
 
 
 def within(box: Box, plant: Plant) -> bool:
