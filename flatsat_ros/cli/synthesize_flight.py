@@ -34,7 +34,7 @@ def write_flight(arguments: argparse.Namespace, output: Path | None) -> None:
     from flatsat_ros.law.input_set import InputSet
     from flatsat_ros.synthesis.flight_design import FlightDesign
     from flatsat_ros.synthesis.flight_search import Goal
-    from flatsat_ros.synthesis.flight_trade import searched, sentence, trade
+    from flatsat_ros.synthesis.flight_trade import require_tilt, searched, sentence, trade
     from flatsat_ros.synthesis.flight_wishes import assumed, sides, upright
 
     if arguments.vehicle is None:
@@ -65,6 +65,7 @@ def write_flight(arguments: argparse.Namespace, output: Path | None) -> None:
     certificate = design.certificate(
         name, {"inputs": {"vehicle": vehicle.name, "assume": arguments.assume or _ASSUMED}}
     )
+    require_tilt(certificate)
     _finish(certificate, output)
     print("\n".join(trade(certificate)))
     print(f"{vehicle.name} {sentence(certificate)}")

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight import Flight
 from flatsat_ros.certificate.flight_tube import Assumptions
@@ -56,23 +56,64 @@ def trade(certificate: Certificate) -> Iterator[str]:
         less = replace(flight.assumptions, **{field.name: 0.0})
         words = f"{field.name} 0 instead of {value:g} {_UNITS[field.name]}"
         yield f"    {words:<38}{_tubes(flight, flight.gain_max, less)}"
-    tubes = [axis.tube for axis in flight.axes]
-    nominal = math.hypot(*(tube.nominal for tube in tubes))
-    wrong = math.hypot(*(tube.disturbance for tube in tubes))
+    nominal, wrong = _taken(flight)
     needed = nominal + wrong + flight.disturbance
     yield f"  margin of the reference {flight.margin:.3g} m/s^2, of which {needed:.3g} are needed:"
     yield f"    {nominal:.3g} for v0, {flight.disturbance:.3g} for the disturbance, {wrong:.3g} for its error"
-    tilt = math.degrees(math.asin(min(1.0, (needed + flight.assumptions.acceleration) / certificate.limits.gravity)))
-    yield f"  tilt limit {math.degrees(certificate.limits.tilt_max):.3g} deg, of which {tilt:.3g} are needed"
+    limit = math.degrees(certificate.limits.tilt_max)
+    yield f"  tilt limit {limit:.3g} deg, of which {_tilt_needed(certificate):.3g} are needed"
+
+
+def require_tilt(certificate: Certificate) -> None:
+    """Refuse a limit of the tilt that leaves the gain no room; say which one would do, and what else may be given up.
+
+    Raises:
+        FlatsatError: the loop may need more acceleration than the limit has beside what references ask for.
+    """
+    flight = _flight(certificate)
+    needed = sum(_taken(flight)) + flight.disturbance
+    if needed <= flight.margin:
+        return
+    tilt, enough = math.degrees(certificate.limits.tilt_max), math.ceil(10.0 * _tilt_needed(certificate)) / 10.0
+    share = max(_shares(flight), key=lambda pair: pair[1])[0]
+    others = f"--gain-max below {flight.gain_max:g}, or less {share}, for which the loop needs most"
+    valid = f"at least {enough:g} deg, for {needed:.3g} m/s^2 beside the reference's; or give up: {others}"
+    raise refusal("--tilt-max-deg", round(tilt, 3), "deg", valid)
+
+
+def _shares(flight: Flight) -> Iterator[tuple[str, float]]:
+    """Yield each assumption and by how much less |v0| is without, at the worst corners, m/s^2."""
+    nominal = _worst(flight, flight.gain_max, flight.assumptions, "nominal")
+    for field in fields(Assumptions):
+        less = replace(flight.assumptions, **{field.name: 0.0})
+        yield field.name, sum(nominal) - sum(_worst(flight, flight.gain_max, less, "nominal"))
+
+
+def _taken(flight: Flight) -> tuple[float, float]:
+    """Return what v0 and the error of the estimated disturbance take of the margin, m/s^2."""
+    tubes = [axis.tube for axis in flight.axes]
+    return math.hypot(*(tube.nominal for tube in tubes)), math.hypot(*(tube.disturbance for tube in tubes))
+
+
+def _tilt_needed(certificate: Certificate) -> float:
+    """Return the tilt, degrees, whose limit has room for the loop and for the reference's acceleration."""
+    flight = _flight(certificate)
+    needed = sum(_taken(flight)) + flight.disturbance + flight.assumptions.acceleration
+    return math.degrees(math.asin(min(1.0, needed / certificate.limits.gravity)))
 
 
 def _tubes(flight: Flight, gain_max: float, assumptions: Assumptions) -> str:
+    return "".join(f"{100.0 * value:8.2f}" for value in _worst(flight, gain_max, assumptions, "position"))
+
+
+def _worst(flight: Flight, gain_max: float, assumptions: Assumptions, signal: str) -> list[float]:
+    """Return a field of the tube of the worst corner, horizontal and vertical."""
     values = []
     for axis in flight.axes:
         goal = Goal(axis.design.period, gain_max, math.inf, assumptions)
         plants = Plants(axis.box, axis.lag_varies, axis.design.model)
-        values.append(100.0 * goal.worst(axis.design, plants, corner_boxes(plants, 0.0)).position)
-    return "".join(f"{value:8.2f}" for value in values)
+        values.append(float(getattr(goal.worst(axis.design, plants, corner_boxes(plants, 0.0)), signal)))
+    return values
 
 
 def _flight(certificate: Certificate) -> Flight:

@@ -39,7 +39,7 @@ def test_a_plan_is_written_and_proved_again(planned: Path, capsys: pytest.Captur
     for text in (
         "plan flight in",
         "holds: proved with integers",
-        "jerk at most 0.545455 m/s^3",
+        f"jerk at most {flight.assumptions.jerk / 1.1:.6g} m/s^3",  # a tenth is set aside for changes of pace
         f"tubes of {math.ceil(1e4 * radius) / 1e4:.4f} m: proved by cf21_adaptive_50hz",
     ):
         assert text in printed

@@ -26,7 +26,7 @@ def seen(late: float, noise: float, seed: int) -> Lateness:
     error = np.zeros((3, 2))  # of position, velocity and disturbance, in x and in y
     for tick in range(300):
         t = tick * h
-        acceleration = np.array([0.4 * np.sin(1.5 * t), 0.3 * np.cos(1.1 * t)])
+        acceleration = np.array([0.8 * np.sin(1.5 * t), 0.6 * np.cos(1.1 * t)])
         innovation = error[0] + noise * random.standard_normal(2)
         velocity = np.array([0.8 / 1.5 * -np.cos(1.5 * t), 0.6 / 1.1 * np.sin(1.1 * t)])
         shown = np.zeros((4, 2, 9))  # of both drones
@@ -36,8 +36,8 @@ def seen(late: float, noise: float, seed: int) -> Lateness:
         look = Seen(shown[3, :, :6], shown[2], none, shown[0, :, :3], rows, none, rows, shown[1, :, :3])
         lateness.note(look, np.array([True, True]))
         # the late drone has the acceleration of some time ago
-        ago = np.array([0.4 * np.sin(1.5 * (t + h / 2 - late)), 0.3 * np.cos(1.1 * (t + h / 2 - late))])
-        now = np.array([0.4 * np.sin(1.5 * (t + h / 2)), 0.3 * np.cos(1.1 * (t + h / 2))])
+        ago = np.array([0.8 * np.sin(1.5 * (t + h / 2 - late)), 0.6 * np.cos(1.1 * (t + h / 2 - late))])
+        now = np.array([0.8 * np.sin(1.5 * (t + h / 2)), 0.6 * np.cos(1.1 * (t + h / 2))])
         error = F @ (error - np.outer(observer, innovation))
         error += np.outer([h * h / 2.0, h, 0.0], ago - now)
     return lateness

@@ -21,7 +21,7 @@ from flatsat_ros.certificate.lyapunov import decay_residual
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.synthesis.flight_design import FlightDesign, ideal_block, read_designs
 from flatsat_ros.synthesis.flight_search import Goal, command_noise, corner_boxes, observer, search
-from flatsat_ros.synthesis.flight_trade import sentence
+from flatsat_ros.synthesis.flight_trade import require_tilt, sentence, trade
 from flatsat_ros.synthesis.flight_wishes import STILL, Plants, assumed, sides, upright
 
 CONFIG = Path(__file__).parents[2] / "config"
@@ -74,6 +74,21 @@ def test_a_small_design_becomes_a_certificate_that_verifies(tmp_path: Path) -> N
     certificate = FlightDesign.from_document("small", document).certificate("small", {})
     certificate.save(tmp_path / "small.yaml")
     assert min(certificate.verify().values()) >= -1e-9
+
+
+def test_too_little_tilt_is_refused_with_what_would_do_and_the_trade_says_what_is_needed() -> None:
+    certificate = Certificate.from_document(read_yaml(CONFIG / "cf21_adaptive_50hz.yaml"))
+    require_tilt(certificate)
+    lines = "\n".join(trade(certificate))
+    for text in ("as certified", "any gain to 2.5", "noise 0 instead of 0.0005 m", "deg, of which"):
+        assert text in lines
+    assert certificate.flight is not None
+    less = replace(certificate.flight, margin=certificate.flight.margin - 0.5)
+    with pytest.raises(FlatsatError) as refused:
+        require_tilt(replace(certificate, flight=less))
+    needed = float(str(refused.value).split("at least ")[1].split(" deg")[0])
+    assert needed == pytest.approx(float(lines.split("deg, of which ")[1].split(" ")[0]), abs=0.15)
+    assert "or give up: --gain-max below 4, or less " in str(refused.value)
 
 
 def test_the_observer_is_a_kalman_filter_at_rest() -> None:
