@@ -37,13 +37,13 @@ class Aim(NamedTuple):
     Attributes:
         state: (N, 6) m, m/s.
         base: (N, 9) its reference: position, velocity, and the acceleration that is commanded without an error.
-        error: (N, 6) estimate less reference at the tick.
+        error: (N, 6) estimate less reference at the tick; None where it is the law's own.
         disturbance: (N, 3) what is compensated, m/s^2.
     """
 
     state: FloatArray
     base: FloatArray
-    error: FloatArray
+    error: FloatArray | None
     disturbance: FloatArray
 
 
@@ -113,7 +113,7 @@ class DirectLoop:
         disturbance, self._spent = _shortened(estimated[:, 6:], most, flying)
         base = self._base = reference.copy()
         base[:, 6:] -= disturbance
-        return Aim(state, base, state - reference[:, :6], disturbance)
+        return Aim(state, base, None, disturbance)
 
     def assess(self, output: Output, acceleration: FloatArray, flying: np.ndarray) -> Assessment:
         """Return where the drones are in the certified sets."""

@@ -101,6 +101,7 @@ class ControlStep:
         hurried = senses.thrust.hurried
         adapting = flying if hurried is None else flying & ~hurried
         output = parts.steering.step(aim.state, estimator.yaw, aim.base, flying, adapting)
+        error = output.error if aim.error is None else aim.error
         turned, kept = flying, level
         unseen = parts.orientations.unseen(now)
         if np.count_nonzero(unseen):
@@ -120,7 +121,7 @@ class ControlStep:
         if learning is not None and senses.looked:
             estimator.yaw += senses.take_turns()
         if self._policy.goal_mode is GoalMode.PATH:  # steps take a drone to its limit by themselves
-            for index in senses.at_limit(now, aim.base, estimate, aim.error, guidance.landing):
+            for index in senses.at_limit(now, aim.base, estimate, error, guidance.landing):
                 if flying[index]:
                     guidance.land(index, now, state[index, :3])
         # on the ground nothing is claimed, before a flight and at its end
@@ -142,7 +143,7 @@ class ControlStep:
             yaw=parts.yaw.heading,
             output=output,
             reference=reference,
-            error=aim.error,
+            error=error,
             disturbance=aim.disturbance,
             thrust_scale=senses.thrust.cautious(flying),
             assessment=assessment,
