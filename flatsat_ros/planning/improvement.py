@@ -128,7 +128,7 @@ def _together(mission: Mission, late: Callable[[], bool]) -> Iterator[Round]:
         if late():
             raise FlatsatError(
                 f"no plan found in the given time, with durations up to {factor * bound:.4g} s, {factor:g} times the "
-                f"bound: {broken or 'no references are proved yet'}"
+                f"bound: {broken}"
             )
     else:
         raise FlatsatError(f"no plan found in up to {_LONGER[-1]:g} times the bound of {bound:.4g} s: {broken}")
@@ -192,6 +192,11 @@ def _settled(
         modes, seems_kept = search.settle(modes, duration, stage, steps)
         if not seems_kept and stage + 1 < _STAGES:
             continue
+        curves = tuple(_curve(shapes, points, unit) for points in search.points(modes))
+        broken = broken_limit(mission, curves)
+        if broken is None:
+            return curves, modes, None
+    if broken is None:  # the time was up
         curves = tuple(_curve(shapes, points, unit) for points in search.points(modes))
         broken = broken_limit(mission, curves)
         if broken is None:
