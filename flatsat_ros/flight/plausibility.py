@@ -102,10 +102,15 @@ class PoseScreen:
         if not airborne:
             return (Fault.REPEATED, ()) if self._old[index] else None
         lasted, commanded = stamp - self._since[index], math.hypot(*acceleration)
-        self._old[index] |= any(lasted >= time and commanded >= least for time, least in REPEATED)
+        if self._stillness.is_fine(index):
+            moves = math.hypot(*estimate[3:6]) > _MOVES
+            self._old[index] |= any(lasted >= time and commanded >= least for time, least in REPEATED)
+        else:
+            moves = self._stillness.has_moved(index, stamp)
+            self._old[index] |= moves and lasted >= REPEATED[0][0]
         if self._old[index]:
             return Fault.REPEATED, ()
-        return (Fault.OLD, ()) if math.hypot(*estimate[3:6]) > _MOVES else None
+        return (Fault.OLD, ()) if moves else None
 
     def complain(self, index: int, fault: Fault, now: float, *values: float | str) -> None:
         """Remember to tell about a refused pose, with the values of its text, once per event."""

@@ -44,8 +44,8 @@ _SWINGS = "it swings from one side to the other: do poses or commands come too l
 _BOBS = "it swings up and down: do poses or commands come too late?"
 # the lift of a drone that is to sink without poses is the mean over about this time, s: a gust does not last
 _LIFT_TIME = 1.0
-# a drone that moves faster than this, m/s, does not stand
-_MOVING = 0.1
+# a drone that moves faster than this, m/s, does not stand; noise of 2 mm in the poses shows half of that
+_MOVING = 0.2
 
 
 class Senses:

@@ -23,10 +23,11 @@ REPEATED = ((0.15, 0.05), (0.6, 1e-3))
 _POSES = 3
 # the others are noisy if they turn back so often, by more than this, m
 _TURNS, _NOISE = 12, 1e-5
-# One that should have moved by so much, m, so many of the least changes, and so fast, m/s, is no longer taken in. It
+# One that should have moved by so much, m, or so many of the least changes, and so fast, m/s, and so many of them in a
+# second more, as what is rounded lets an estimated velocity be off, is no longer taken in. It
 # is an old one from the second distance and the first time, s, on, or from the second time on.
 _DUPLICATE = 1e-3, 10.0
-_MOVES = 0.05
+_MOVES = 0.05, 100.0
 _STANDS = 0.03, 40.0
 _LASTED = 0.15, 0.6
 # poses farther apart than this, s, say nothing of what was between them
@@ -157,13 +158,24 @@ class Stillness:
             lives = any(changes)  # what repeats as a whole is another matter
             if lives:
                 one.poses, one.turns = one.poses + 1, one.turns + turns
-                least = max(self._counts(index, _DUPLICATE), _MOVES * (stamp - one.since))
-                one.duplicate |= airborne and abs(one.way) > least
+                one.duplicate |= airborne and self._has_moved(index, one, stamp - one.since)
             if lives and not one.limit and one.poses >= _POSES:
                 one.limit = self._limit(index, one, stamp - one.since, abs(acceleration[axis]))
             if one.limit or (one.duplicate and lives and worst is None):
                 worst = Still(axis, stamp - one.since, one.limit)
         return worst
+
+    def is_fine(self, index: int) -> bool:
+        """Tell whether the poses of drone index are fine, as far as was seen."""
+        return self._finest[index] <= _FINE
+
+    def has_moved(self, index: int, stamp: float) -> bool:
+        """Tell whether drone index, whose position repeats, should be elsewhere at a stamp, s."""
+        return any(self._has_moved(index, one, stamp - one.since) for one in self._repeats[index].values())
+
+    def _has_moved(self, index: int, one: _Repeat, lasted: float) -> bool:
+        least = max(self._counts(index, _DUPLICATE), (_MOVES[0] + _MOVES[1] * self._finest[index]) * lasted)
+        return abs(one.way) > least
 
     def _counts(self, index: int, least: tuple[float, float]) -> float:
         """Return which way counts, m: the first entry, or the second one times the least change."""
@@ -179,7 +191,7 @@ class Stillness:
             commanded: size of the acceleration along it, m/s^2.
         """
         soon, late = _LASTED
-        fine = self._finest[index] <= _FINE
+        fine = self.is_fine(index)
         limits = [time for time, least in REPEATED if fine and commanded >= least]
         if fine and one.turns >= _TURNS:
             limits.append(soon)

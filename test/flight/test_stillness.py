@@ -97,3 +97,17 @@ def test_a_whole_position_that_repeats_and_what_is_not_commanded_are_other_matte
     assert first_still(np.ones((200, 3)), acceleration=(1.0, 1.0, 1.0)) == (math.inf, -1)
     along_x = np.outer(np.arange(200.0), [1e-2, 0.0, 0.0])
     assert first_still(along_x, acceleration=(1.0, 0.0, 0.0), velocity=(1.0, 0.0, 0.0)) == (math.inf, -1)
+
+
+@given(
+    amplitude=st.floats(0.0, 5e-3),
+    velocity=st.tuples(*[st.floats(-0.1, 0.1)] * 3),
+    acceleration=st.tuples(*[st.floats(-1.0, 1.0)] * 3),
+)
+@settings(max_examples=15)
+def test_of_a_hover_without_noise_in_poses_of_whole_millimetres_nothing_is_taken_for_old(
+    amplitude: float, velocity: tuple[float, ...], acceleration: tuple[float, ...]
+) -> None:
+    sway = 1.0 + amplitude * np.sin(2.0 * PERIOD * np.arange(300)[:, np.newaxis] * [1.0, 1.7, 2.3])
+    whole = 1e-3 * np.round(sway / 1e-3)
+    assert first_still(whole, velocity=velocity, acceleration=acceleration) == (math.inf, -1)
