@@ -231,7 +231,7 @@ class Pilot:
         """Land every drone that is in the air where it is, and let none take off any more."""
         for index, mode in enumerate(self.mode):
             if mode in AIRBORNE:
-                self._parts.guidance.land(index, self._step.now)
+                self.traffic.land(index)
             self._parts.supervisor.withdraw(index)
 
     def unclaimed(self, index: int) -> str:
@@ -275,7 +275,7 @@ class Pilot:
             self.traffic.withdraw(index)
             if self.mode[index] in AIRBORNE:
                 done = ": it brakes and lands"
-                self._parts.guidance.land(index, self._step.now)
+                self.traffic.land(index)
         self._step.reports.append(Report(index, finding.text + done))
 
     def tick(self, now: float) -> Tick:

@@ -6,6 +6,8 @@
 - A take-off or a landing whose way is not clear is refused; drones on the move make room for one that lands. A
   trajectory that comes near another reference on the move is refused. Drones that rest in the way of one, and are not
   near yet, may still be given trajectories of their own: those of a swap come one after the other.
+- A drone whose battery is empty, or whose controller ends, lands aside if another robot is below (`flight.landings`);
+  without poses that is only told.
 - References change by themselves, too, as when they wait for a drone to climb. So if two come too near within
   `_FORESIGHT`, the drone whose reference is younger brakes and waits; if that one rests, the other does.
 - Drones that are measured nearer than the separation both brake; the one whose reference is older then goes on when its
@@ -25,6 +27,7 @@ from numpy.typing import ArrayLike
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.flight.guidance import Guidance
+from flatsat_ros.flight.landings import Landings
 from flatsat_ros.flight.modes import AIRBORNE, Mode, Transition
 from flatsat_ros.flight.neighbours import Conflict, Neighbours
 from flatsat_ros.flight.policy import GoalMode, Policy
@@ -72,6 +75,7 @@ class Traffic:
         # running number of each newest reference, and when it was given, s; robots that others fly have the oldest
         self._given, self._given_at = np.zeros(len(names) + len(others)), np.full(len(names), -math.inf)
         self._waiting = Waiting(guidance, supervisor, self._neighbours)
+        self._landings = Landings(guidance, self._neighbours, policy.separation)
         self._changed: set[int] = set()
         self._suspects: set[tuple[int, int]] = set()  # pairs whose references will come too near
         self._warned: set[tuple[int, int]] = set()  # of those, the ones that nobody can brake
@@ -108,8 +112,8 @@ class Traffic:
 
     def reports(self) -> list[Report]:
         """Return what people should know since the last call."""
-        reports, self._reports = self._reports + self._waiting.reports, []
-        self._waiting.reports = []
+        reports, self._reports = self._reports + self._waiting.reports + self._landings.reports, []
+        self._waiting.reports, self._landings.reports = [], []
         return reports
 
     def admit_goal(self, index: int, position: ArrayLike, yaw: float) -> bool:
@@ -175,6 +179,15 @@ class Traffic:
             self._require_clear([conflict for conflict in self._neighbours.conflicts(index, track) if conflict.rests])
         self.withdraw(index)
 
+    def land(self, index: int) -> None:
+        """Let drone index land, come what may: aside if another robot is below and it can."""
+        self.withdraw(index)
+        if self._neighbours.mode(index) is Mode.FLY and self._must_check():
+            self._landings.land(index)
+            self._due = -math.inf
+        else:
+            self._guidance.land(index, self._neighbours.now)
+
     def admit_trajectory(self, index: int, trajectory: Trajectory) -> None:
         """Give drone index a trajectory.
 
@@ -221,6 +234,10 @@ class Traffic:
             self._changed.add(index)
             if before in AIRBORNE and after not in AIRBORNE:
                 self.withdraw(index)
+            if after is Mode.DESCEND and not self._alone:
+                found = self._landings.below(index, self._neighbours.state[index, :3])
+                if found:
+                    self._tell(index, f"{found} below, onto which it may sink: without its place it cannot go aside")
 
     def look(self) -> list[int]:
         """Look who may come near whom, and let drones brake; return whose goals need not wait any longer."""
@@ -239,7 +256,8 @@ class Traffic:
             self._warned &= self._suspects
             self._changed |= self._neighbours.take_references()  # of those that brake now
             begun = self._waiting.look()
-        busy = not self._steps and (self._changed or self._suspects or self._waiting.goals)
+            self._landings.look()
+        busy = not self._steps and (self._changed or self._suspects or self._waiting.goals or self._landings.aside)
         self._due = min(self._measured, self._looked) if busy else self._measured
         return begun
 

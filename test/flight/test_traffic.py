@@ -344,3 +344,38 @@ def test_a_single_trajectory_point_is_a_goal_like_any_other() -> None:
     world = hovering([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0]])
     with pytest.raises(FlatsatError, match="where cf2 rests"):
         world.pilot.set_reference(0, Trajectory.hold([1.0, 0.0, 1.0]))
+
+
+@pytest.mark.parametrize("below", [(0.0, 0.0), (0.3, 0.1), (-0.1, 0.35)])
+def test_at_the_end_of_the_controller_a_drone_above_another_lands_aside(below: tuple[float, float]) -> None:
+    world = hovering([[0.0, 0.0, 2.0], [*below, 0.9]])
+    world.pilot.retire()
+    world.fly(0.3)
+    assert world.heard(0, r"^cf2 lands|^cf2 rests below: it lands 0\.55 m aside")
+    world.fly(6.0)
+    assert world.pilot.mode[0] == Mode.FLY
+    assert world.place[0, 2] < 1.0
+    assert np.hypot(*(world.place[0, :2] - below)) > SEPARATION
+    assert np.hypot(*(world.place[1, :2] - below)) < 0.01
+    assert world.least > SEPARATION
+
+
+def test_where_no_place_aside_is_free_or_known_that_is_told() -> None:
+    narrow = Policy(walls=(-0.3, -0.3, 0.3, 0.3))
+    world = hovering([[0.0, 0.0, 2.0], [0.0, 0.0, 0.9]], narrow)
+    world.pilot.retire()
+    world.fly(0.3)
+    assert world.heard(0, "cf2 rests below, and no place aside is free: it lands there")
+    world = hovering([[0.0, 0.0, 2.0], [0.0, 0.0, 0.9]])
+    world.unseen = {0}
+    world.fly(2.0)
+    assert world.heard(0, "cf2 rests below, onto which it may sink")
+    assert not world.heard(1, "below")
+
+
+def test_beside_another_drone_one_lands_where_it_is() -> None:
+    world = hovering([[0.0, 0.0, 1.0], [0.46, 0.0, 0.9], [0.0, 0.5, 0.0]])
+    world.pilot.retire()
+    world.fly(2.0)
+    assert np.abs(world.place[:, :2] - [[0.0, 0.0], [0.46, 0.0], [0.0, 0.5]]).max() < 0.01
+    assert not any(world.heard(index, "aside|free") for index in range(3))

@@ -155,6 +155,30 @@ def _end_controller(scene: Scene) -> None:
     scene.end_controller()
 
 
+def _land_below(scene: Scene) -> None:
+    """Let the second drone land."""
+    scene.land(1)
+
+
+def _fly_above(scene: Scene) -> None:
+    """Let the first drone fly to where it is a metre above the second one."""
+    goal = scene.place[1] + (0.0, 0.0, 1.0)
+    scene.record.extend_path(0, scene.place[0].copy(), goal)
+    scene.record.forget_touches()  # in a landing it may be down already, and is told to rise again
+    scene.go_to(0, goal)
+
+
+def _empty(scene: Scene) -> None:
+    """Let the battery of the first drone be empty."""
+    scene.readings[0] = scene.vehicle.battery.landing_voltage - 0.05
+
+
+def _above(name: str, meaning: str, happens: Action, bounds: Bounds, *others: int) -> Fault:
+    """Return a fault of a drone that hovers above one that stands; others land with them."""
+    steps = ((0.0, _land_below), (7.0, _fly_above), (14.0, happens))
+    return Fault(name, meaning, steps, bounds, victims=(0, 1, *others), watched=16.0)
+
+
 ORDER_FAULTS = (
     Fault("land_in_climb", "land, 0.7 s after a goal 1 m above", ((0.0, _goal((0.0, 0.0, 1.0))), (0.7, _land)), _LANDS),
     Fault(
@@ -170,6 +194,26 @@ ORDER_FAULTS = (
         Bounds(End.DOWN, distance=1.5),
     ),
     Fault("land_twice", "land, twice within 0.5 s", ((0.0, _land), (0.5, _land)), _LANDS),
+    _above(
+        "land_above_empty",
+        "the battery of a drone is empty that is a metre above one that stands",
+        _empty,
+        Bounds(End.DOWN, told=r"below: it lands .* aside|touched down"),
+    ),
+    _above(
+        "land_above_ctrl_c",
+        "Ctrl-C, while a drone is a metre above one that stands",
+        _end_controller,
+        Bounds(End.DOWN),
+        2,
+    ),
+    _above(
+        "land_above_blind",
+        "no pose of a drone that is a metre above one that stands",
+        poses(lambda _: faults.lost),
+        # without poses it can only be told
+        Bounds(End.DOWN, told=r"below, onto which it may sink|touched down", separation=0.0),
+    ),
     Fault("goal_10m", "a goal 10 m away", _asked(_goal((0.0, 10.0, 0.0))), _FLIES_ON, _OR_LANDED, watched=16.0),
     Fault("goal_100m", "a goal 100 m away", _asked(_goal((0.0, 100.0, 0.0))), _FLIES_ON, _OR_LANDED),
     Fault("goal_up_10m", "a goal 10 m above", _asked(_goal((0.0, 0.0, 10.0))), _FLIES_ON, _OR_LANDED),

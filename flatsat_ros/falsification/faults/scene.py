@@ -82,6 +82,7 @@ class Scene:
         pilot: flies; None when its process has ended.
         record: what happened.
         remarks: what was told.
+        readings: battery voltages that drones report instead of theirs, V.
         moments: the ticks so far, if they are kept.
         failure: what the pilot raised that is no refusal: then its process ended; empty if it did not.
         seed: of everything random.
@@ -129,6 +130,7 @@ class Scene:
         self.start_controller()
         self.remarks: list[Remark] = []
         self.moments: list[Moment] | None = [] if keep else None
+        self.readings: dict[int, float] = {}
         self.failure = ""
         self.seed = seed
         self.time = self.acted = 0.0
@@ -263,7 +265,8 @@ class Scene:
             return
         self._battery_due = now + _BATTERY_PERIOD
         for drone in map(int, np.flatnonzero(self.fleet.firmware.powered)):
-            self.pilot.note_battery(drone, float(self.fleet.power.voltage[drone]), self.vehicle.battery, now)
+            voltage = self.readings.get(drone, float(self.fleet.power.voltage[drone]))
+            self.pilot.note_battery(drone, voltage, self.vehicle.battery, now)
 
     def _observe(self, now: float, _samples: list[Sample], tick: Tick, sent: dict[int, WireSetpoint]) -> None:
         time, self._sent = self.fleet.time, sent
