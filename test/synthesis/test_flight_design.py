@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.polynomial import Polynomial
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.strict_yaml import read_yaml, write_yaml
@@ -179,3 +181,32 @@ def test_assumptions_are_read_from_a_file(tmp_path: Path) -> None:
     assert assumed("still") == (STILL, {})
     write_yaml(tmp_path / "mine.yaml", {"noise": 2e-3, "lag": [0.1, 0.2]})
     assert assumed(str(tmp_path / "mine.yaml")) == (replace(STILL, noise=2e-3), {"lag": (0.1, 0.2)})
+
+
+def test_soft_gains_are_quiet_on_attitude_loops_that_nobody_has_identified() -> None:
+    """72 loops of second order as real flights show them, which lean into their motion; a swap of 0.83 m in 4 s."""
+    certificate = Certificate.from_document(read_yaml(CONFIG / "cf21_soft_50hz.yaml"))
+    assert certificate.flight is not None
+    design, worst = certificate.flight.horizontal.design, 0.0
+    model, h = design.model, design.period
+    ramp = Polynomial([0.0] * 4 + [35.0, -84.0, 70.0, -20.0])  # of degree 7, from rest to rest
+    times = np.arange(0.0, 4.0, h) + h / 2.0
+    speed, pull, jerk, snap = (0.83 / 4.0**n * ramp.deriv(n)(times / 4.0) for n in (1, 2, 3, 4))
+    asked, bend = jerk + model.drag * pull, snap + model.drag * jerk
+    grid = itertools.product((10.0, 14.8, 20.0, 25.0), (0.36, 0.42, 0.46, 0.5, 0.58, 0.67), (0.66, 0.75, 0.86))
+    for wn, zeta, gain in grid:
+        plant = Plant(0.03, frequency=wn, damping=zeta, gain=gain, tilt=-0.26, drag=0.41)
+        loop = FlightLoop(design, plant)
+        for k in (1.0, 1.5):
+            assert np.abs(np.linalg.eigvals(loop.matrix(k))).max() < 0.99
+        # what references do to the loop, docs/mathematics.md
+        rate = (gain - 1.0) * asked + (model.drag - plant.drag - plant.tilt) * pull
+        drive = (model.delay + model.lead - plant.delay - plant.lead) * asked - bend / wn**2
+        drive += plant.tilt / gain * (plant.lead * pull + jerk / wn**2)
+        matrix, z = loop.matrix(1.0), np.zeros(loop.size)
+        pushed, driven = h * loop.rate_input(h / 2.0), h * gain * loop.drive_input(h / 2.0)
+        for i in range(len(times)):
+            z = matrix @ z + pushed * rate[i] + driven * drive[i]
+            worst = max(worst, abs(float(z[0])))
+    assert 0.03 < worst < 0.06
+    assert speed.max() < 0.5
