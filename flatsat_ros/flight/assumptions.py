@@ -113,6 +113,8 @@ class Monitors:
     Attributes:
         broken: (N,) values of `Assumption`.
         ratio: (N,) distance to the reference over the tube, the larger of horizontal and vertical.
+        quiet: whether nothing that is watched was beyond its bounds, for any drone.
+        innovations: bounds of the innovation, horizontal and vertical, (2,), m.
         lost: (N,) whose poses are so far from where they are expected that its estimate is wrong.
     """
 
@@ -139,6 +141,7 @@ class Monitors:
                 *changes, 1.0, flight.gain_max, 1.0 / flight.gain_min, self._lateness.bound,
             ]
         ) * (1.0 + _ROUNDING)  # fmt: skip
+        self.innovations, self.quiet = np.array([bound.innovation for bound in bounds]), False
         self._tube = np.array([axis.tube.position for axis in flight.axes])
         self._uncertain = np.array([bound.position for bound in bounds])
         # of |e|, |e'| and |v0|, horizontal and vertical
@@ -209,11 +212,11 @@ class Monitors:
             and _all(seen.gain * bounds[9] >= 1.0)
             and _all(self._due <= now)
         ):
-            self.broken, self.lost = self._nothing, self._nobody
+            self.broken, self.lost, self.quiet = self._nothing, self._nobody, True
             if np.count_nonzero(self._outside):
                 self._outside = np.zeros(self._count)
             return
-        sizes = np.sqrt(squares)
+        sizes, self.quiet = np.sqrt(squares), False
         self.lost = sizes[:, 3].max(axis=1) > _LOST
         gain, demand = np.maximum(seen.gain, _TINY), self._references.demand
         if jumped is not None:

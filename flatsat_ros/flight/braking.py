@@ -35,17 +35,18 @@ class Braking:
         self._answer = np.tile(np.eye(2), (count, 1, 1))
         self._fastest = np.zeros(count)  # m/s
 
-    def begin(self, index: int, answer: FloatArray | None, velocity: FloatArray) -> None:
+    def begin(self, index: int, answer: FloatArray | None, velocity: FloatArray, under_way: float = 0.0) -> None:
         """Let drone index brake, or sink level if it is not known how it moves.
 
         Args:
             index: which drone.
             answer: (2, 2) what comes of what is commanded along the two horizontal axes of the body; None if unknown.
             velocity: (2,) horizontal, m/s.
+            under_way: change of it by commands that have not acted yet, m/s.
         """
         self.active = self.active.copy()
         self.active[index] = answer is not None
-        self._fastest[index] = float(np.hypot(*velocity)) + _FASTER
+        self._fastest[index] = float(np.hypot(*velocity)) + under_way + _FASTER
         self.learn(index, answer)
 
     def learn(self, index: int, answer: FloatArray | None) -> None:

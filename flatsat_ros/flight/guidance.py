@@ -37,6 +37,9 @@ _FAR = 0.5
 _TOLERATED = 0.3
 # the reference of a drone that lands and cannot follow is this near to it, m: enough to hold against the wind
 _GIVES_WAY = 0.5
+# a drone that sets out in motion, faster than this, m/s, or after it was not steered, is led by what the input set
+# allows: nothing is proved of such a beginning, and it shall soon be where it was
+_SETS_OUT = 0.1
 _BRAKE = np.full(3, np.nan)
 
 
@@ -66,9 +69,8 @@ class Guidance:
         self.changed: set[int] = set()
         self._limits = limits
         self._flight = flight
-        self._path_limits = (
-            PathLimits.within(limits, speed) if flight is None else PathLimits.assumed(limits, speed, flight)
-        )
+        self._widest = PathLimits.within(limits, speed)
+        self._path_limits = self._widest if flight is None else PathLimits.assumed(limits, speed, flight)
         self._box = box
         # what is below the floor stands on something
         self._lowest = np.array([*box.low[:2] - _TOLERATED, -math.inf])
@@ -183,30 +185,32 @@ class Guidance:
         """Return the goal (3,), m, of a landing from a motion (4, 3): somewhere below the ground."""
         return np.array([math.nan, math.nan, min(float(self.ground[index]), float(motion[0, 2])) - _LANDING_DEPTH])
 
-    def start(self, index: int, state: FloatArray, now: float) -> float:
+    def start(self, index: int, state: FloatArray, now: float, *, resumed: bool = False) -> float:
         """Let drone index, whose flight begins or goes on, set out from where it is.
 
         Args:
             index: which drone.
             state: (6,) its position, m, and velocity, m/s.
             now: s.
+            resumed: its flight goes on after it was not steered.
 
         Returns:
             How far away its trajectory is, m, if it is too far to be followed: then it brakes; else 0.
         """
         motion = self._motion(index, state)
         motion[1] /= max(float(np.linalg.norm(motion[1])) / self._path_limits.speed, 1.0)
+        urgent = resumed or float(np.abs(motion[1]).max()) > _SETS_OUT
         if self._goals[index] is None:
             away = float(np.linalg.norm(self.references.motion(index, now)[0] - state[:3]))
             if away <= _FAR:
                 return 0.0
             self._goals[index] = _BRAKE.copy()
-            self._plan(index, motion, now)
+            self._plan(index, motion, now, urgent=urgent)
             return away
         # a drone near the ground only climbs; a goal that is where it comes to rest is found on the whole way
         if self.goal(index) is not None:
             self._waiting[index] = state[2] - self.ground[index] < _NEAR_GROUND
-        self._plan(index, motion, now)
+        self._plan(index, motion, now, urgent=urgent)
         return 0.0
 
     def _motion(self, index: int, state: FloatArray) -> FloatArray:
@@ -264,20 +268,31 @@ class Guidance:
             self._waiting[index] = wait[index]
             self.replan(int(index), now)
 
-    def _plan(self, index: int, motion: FloatArray, now: float) -> None:
+    def _plan(self, index: int, motion: FloatArray, now: float, *, urgent: bool = False) -> None:
+        """Lead drone index from a motion (4, 3) to its goal; urgent for a motion that no path has led to."""
         goal = self._goals[index]
         assert goal is not None
         landing = bool(self.landing[index])
         wait = bool(self._waiting[index]) and not landing
-        path = self._path(index, motion, goal, now, landing=landing, wait=wait)
+        path = self._path(index, motion, goal, now, landing=landing, wait=wait, urgent=urgent)
         if not wait:
             self._goals[index] = np.where(np.isnan(goal), path.end, goal)
         self._assign(index, path)
 
     def _path(
-        self, index: int, motion: FloatArray, goal: FloatArray, now: float, *, landing: bool, wait: bool = False
+        self,
+        index: int,
+        motion: FloatArray,
+        goal: FloatArray,
+        now: float,
+        *,
+        landing: bool,
+        wait: bool = False,
+        urgent: bool = False,
     ) -> Trajectory:
         box, limits = self._box, self._path_limits
+        if urgent or not limits.led_to(motion):  # within narrower ones it would take long to come back to them
+            limits = self._widest
         if landing:
             box = Box(np.array([*box.low[:2], -math.inf]), box.high)
             limits = limits.slower(_LANDING_SPEED)

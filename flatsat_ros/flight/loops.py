@@ -16,6 +16,7 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight import Flight
 from flatsat_ros.certificate.sets import Place
 from flatsat_ros.flight.assumptions import Assumption, Monitors, Seen
+from flatsat_ros.flight.doubt import Doubt
 from flatsat_ros.flight.estimator import Estimator
 from flatsat_ros.flight.guarantee import Assessment, GuaranteeMonitor
 from flatsat_ros.flight.policy import Policy
@@ -28,6 +29,7 @@ from flatsat_ros.law.controller import Output
 _COMPENSATED_SHARE = 0.5
 _TINY = 1e-300
 _SUM = np.ones(3)  # sums the entries of rows, faster than sum() on few of them
+_OF_STATE, _OF_VECTOR = [0, 0, 1, 0, 0, 1], [0, 0, 1]  # which of horizontal and vertical
 _NONE, _TUBE, _OUTSIDE = Assumption.NONE.value, Place.TUBE.value, Place.OUTSIDE.value
 
 
@@ -59,7 +61,13 @@ class Loop(Protocol):
         """
 
     def aim(
-        self, now: float, estimated: FloatArray, reference: FloatArray, flying: np.ndarray, level: np.ndarray
+        self,
+        now: float,
+        estimated: FloatArray,
+        reference: FloatArray,
+        flying: np.ndarray,
+        level: np.ndarray,
+        grounded: np.ndarray,
     ) -> Aim:
         """Return what the law acts on at a tick.
 
@@ -69,6 +77,7 @@ class Loop(Protocol):
             reference: (N, 9) position, velocity, acceleration.
             flying: (N,) who is steered.
             level: (N,) who is in the air without being steered.
+            grounded: (N,) who is steered and has not left the ground yet.
         """
 
     def assess(self, output: Output, acceleration: FloatArray, flying: np.ndarray) -> Assessment:
@@ -105,7 +114,13 @@ class DirectLoop:
         return self._estimator.estimate(now)
 
     def aim(
-        self, now: float, estimated: FloatArray, reference: FloatArray, flying: np.ndarray, level: np.ndarray
+        self,
+        now: float,
+        estimated: FloatArray,
+        reference: FloatArray,
+        flying: np.ndarray,
+        level: np.ndarray,
+        grounded: np.ndarray,
     ) -> Aim:
         """Return estimate and reference."""
         state = estimated[:, :6]
@@ -150,10 +165,12 @@ class PredictedLoop:
         horizontal, vertical = flight.horizontal.design, flight.vertical.design
         self._references, self._estimator, self._limits = references, estimator, certificate.limits
         self._inside = certificate.limits.inner_radius / math.sqrt(3.0)  # m/s^2, of a cube in the input set
-        self._most = min(policy.disturbance_max, flight.disturbance)
+        self._most, self._most_doubted = min(policy.disturbance_max, flight.disturbance), policy.disturbance_max
         self._predictor = Predictor(horizontal, vertical, count, flight.pose_age)
         self._preview = Preview(references, horizontal, vertical)
         self._monitors = Monitors(flight, self._most, references)
+        self._doubt = Doubt(flight, self._monitors.innovations, count)
+        self._doubts, self._gain = np.zeros((count, 2), dtype=bool), np.ones(count)
         self._feedback = -certificate.matrix[:, 3:]
         self._second = horizontal.model.frequency > 0.0 or vertical.model.frequency > 0.0
         self._tubes = np.array([flight.horizontal.tube.position, flight.vertical.tube.position])
@@ -170,7 +187,13 @@ class PredictedLoop:
         return estimator.estimate(now)
 
     def aim(
-        self, now: float, estimated: FloatArray, reference: FloatArray, flying: np.ndarray, level: np.ndarray
+        self,
+        now: float,
+        estimated: FloatArray,
+        reference: FloatArray,
+        flying: np.ndarray,
+        level: np.ndarray,
+        grounded: np.ndarray,
     ) -> Aim:
         """Predict from the model; where a drone is not in the air, or not where the model is, that begins anew."""
         predictor = self._predictor
@@ -178,24 +201,44 @@ class PredictedLoop:
         if np.count_nonzero(self._monitors.lost) or not self._steady:
             predictor.restart(~(flying | level) | self._monitors.lost, estimated, now)
         self._now, self._reference = now, reference
-        state = predictor.state
+        state, push = predictor.state, predictor.disturbance
+        most: float | FloatArray = self._most
+        met = state + predictor.ahead(reference, self._references.jerk(now) if self._second else None)
+        if self._is_doubted(now, flying, level, grounded):
+            doubts = self._doubts
+            plain = self._estimator.estimate(now)
+            met = np.where(doubts[:, _OF_STATE], plain[:, :6], met)
+            met = reference[:, :6] + self._doubt.soften(met - reference[:, :6], doubts, self._gain)
+            push = np.where(doubts[:, _OF_VECTOR], plain[:, 6:], push)
+            state = np.where(doubts[:, _OF_STATE], plain[:, :6], state)
+            most = np.where(doubts.any(axis=1), self._most_doubted, most)
         self._error = state - reference[:, :6]
-        most = np.minimum(self._most, _COMPENSATED_SHARE * self._references.margin)
-        disturbance, _ = _shortened(predictor.disturbance, most, flying)
+        disturbance, _ = _shortened(push, np.minimum(most, _COMPENSATED_SHARE * self._references.margin), flying)
         base = reference.copy()
         self._needed = self._preview.needed(now)
         base[:, 6:] = self._needed - disturbance
         if np.abs(base[:, 6:]).max() > self._inside:  # drag and lag may need more than the acceleration itself
             base[:, 6:] = self._limits.saturate(base[:, 6:])
-        jerk = self._references.jerk(now) if self._second else None
-        return Aim(state + predictor.ahead(reference, jerk), base, self._error, disturbance)
+        return Aim(met, base, self._error, disturbance)
+
+    def _is_doubted(self, now: float, flying: np.ndarray, level: np.ndarray, grounded: np.ndarray) -> bool:
+        """Find whose loop is not the proved one; tell whether there are any."""
+        doubt, monitors = self._doubt, self._monitors
+        if not monitors.quiet:
+            if np.count_nonzero(grounded):
+                doubt.wait(now, grounded)
+            doubt.look(now, (flying | level) & ~grounded, self._predictor.age, _sizes(self._predictor.innovation))
+        if doubt.any:
+            self._doubts = doubt.of(now)
+        return doubt.any
 
     def assess(self, output: Output, acceleration: FloatArray, flying: np.ndarray) -> Assessment:
         """Return where the drones are in their tubes."""
         predictor, monitors = self._predictor, self._monitors
+        self._gain = output.gain
         monitors.look(
             self._now,
-            flying,
+            flying & ~self._doubts.any(axis=1) if self._doubt.any else flying,
             Seen(
                 self._error,
                 self._reference,
@@ -227,8 +270,8 @@ class PredictedLoop:
         return self._monitors.sentence(index)
 
     def reports(self, flying: np.ndarray) -> list[tuple[int, str]]:
-        """Return what does not hold of what the certificate assumes."""
-        return self._monitors.reports(flying)
+        """Return what does not hold of what the certificate assumes, and who is flown softly therefore."""
+        return self._monitors.reports(flying) + self._doubt.reports()
 
 
 def _shortened(estimate: FloatArray, most: FloatArray, flying: np.ndarray) -> tuple[FloatArray, FloatArray]:
@@ -238,3 +281,8 @@ def _shortened(estimate: FloatArray, most: FloatArray, flying: np.ndarray) -> tu
     if np.count_nonzero(flying) < flying.size:
         spent = np.where(flying, spent, 0.0)
     return estimate * (spent / np.maximum(size, _TINY))[:, np.newaxis], spent
+
+
+def _sizes(vectors: FloatArray) -> FloatArray:
+    """Return the sizes of vectors (N, 3), horizontal and vertical, (N, 2)."""
+    return np.column_stack([np.hypot(vectors[:, 0], vectors[:, 1]), np.abs(vectors[:, 2])])

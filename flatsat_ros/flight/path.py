@@ -39,6 +39,7 @@ _KEPT = 0.97
 # durations that are tried, s
 _DURATIONS = 0.2 * 1.1 ** np.arange(90.0)
 _ROUNDING = 1e-9
+_TOLERANCE = 0.02  # relative: their limits are looked at in points
 _STILL = 1e-9  # m: what is nearer is there
 
 # Bernstein polynomials of degree n at this many times of a segment: limits are looked at there
@@ -99,6 +100,15 @@ class PathLimits:
             speed,
             _KEPT * most.jerk,
             _KEPT * most.snap,
+        )
+
+    def led_to(self, motion: FloatArray) -> bool:
+        """Tell whether a path within these limits can have led to a motion (4, 3), see `path_to`."""
+        _, _, acceleration, jerk = motion / (1.0 + _TOLERANCE)
+        return bool(
+            math.hypot(acceleration[0], acceleration[1]) <= self.horizontal
+            and abs(acceleration[2]) <= self.vertical
+            and max(math.hypot(jerk[0], jerk[1]), abs(jerk[2])) <= self.jerk
         )
 
     def slower(self, speed: float) -> PathLimits:

@@ -37,6 +37,9 @@ _LIFTING = 0.3
 _LIFTING_SLOW = 0.02
 # a certificate that knows nothing of lag and delay does not make the drone answer sooner than after this, s
 _LATE = 0.15
+# whether a drone moves as it is commanded to is seen by its places at so many looks: its estimated velocity believes
+# in the commands, and follows a drone that does otherwise late
+_PLACES = 2
 _SLID = "told to climb, it moves sideways instead: is z up in the poses?"
 _SUNK = "told to climb, it is seen {0:.2f} m below where it stood, at most {1:g} m: has z the other sign?"
 _BLOWN = "at the limit of its tilt and {0:.1f} m off its reference, no nearer for seconds: wind? It lands where it is"
@@ -44,6 +47,9 @@ _SWINGS = "it swings from one side to the other: do poses or commands come too l
 _BOBS = "it swings up and down: do poses or commands come too late?"
 # the lift of a drone that is to sink without poses is the mean over about this time, s: a gust does not last
 _LIFT_TIME = 1.0
+# a drone that sinks without being steered is pushed down by this, 1/s, times the speed at which it climbs instead, and
+# by no more than this, m/s^2
+_CLIMBS_NOT, _CLIMBS_NOT_MOST = 1.0, 1.0
 # a drone that moves faster than this, m/s, does not stand; noise of 2 mm in the poses shows half of that
 _MOVING = 0.2
 
@@ -76,6 +82,7 @@ class Senses:
         late = max(certificate.lag + certificate.delay, _LATE)
         turns = policy.yaw_source is YawSource.MOTION
         self._astray = AstrayDetector(count, self._period, late, turns=turns)
+        self._late = late
         self._limit = TiltLimitDetector(count, certificate.limits.tilt_max, gravity)
         self._bobbing = BobbingDetector(count)
         self._blown = np.zeros(count, dtype=bool)  # it lands because the wind is too strong, until it is down
@@ -86,9 +93,24 @@ class Senses:
         self._settling = np.zeros(count)  # s, until the yaw may be found wrong again
         self._misled = np.zeros(count, dtype=bool)  # it sinks, and its height is not what its poses say
         self._gone_astray = np.zeros(count, dtype=bool)  # until it is down
+        self._taken = np.full(count, -np.inf)  # stamps of the poses that were learnt from last, s
         self._free = np.zeros(count, dtype=bool)  # steered in the air, away from the ground
         self._acceleration = np.zeros((count, 3))  # commanded at the last tick, m/s^2
         self._push = np.zeros((count, 3))  # commanded change of velocity since the last look, m/s
+        self._places = np.zeros((_PLACES + 1, count, 2))  # at the last looks, newest last, m
+
+    def sinking_thrust(self, now: float, climb: FloatArray, usable: np.ndarray) -> FloatArray:
+        """Return the thrusts (N,), m/s^2, of drones that sink without being steered.
+
+        What was learnt of the thrust may be wrong: one that is seen to climb all the same gets less.
+
+        Args:
+            now: s.
+            climb: (N,) estimated vertical velocity, m/s.
+            usable: (N,) who has one.
+        """
+        climbs = np.where(usable & ~self._misled, np.clip(_CLIMBS_NOT * climb, 0.0, _CLIMBS_NOT_MOST), 0.0)
+        return self.descent.thrust(now) - climbs
 
     def set_clock_back(self, now: float) -> None:
         """Let nothing last longer because the clock was set back to now, s."""
@@ -151,6 +173,7 @@ class Senses:
         flying: np.ndarray,
         landing: np.ndarray,
         unseen: np.ndarray | None = None,
+        newest: FloatArray | None = None,
     ) -> np.ndarray:
         """Learn from one tick; return who is steered in the air, away from the ground, (N,).
 
@@ -161,6 +184,7 @@ class Senses:
             flying: (N,) who is steered.
             landing: (N,) who lands, and may be carried by something when it is low.
             unseen: (N,) whose yaw is to be learnt from motion, see `take_turns`; nobody's by default.
+            newest: (N,) stamps of the newest poses, s; by default there are new ones.
         """
         self._acceleration = acceleration
         self._push = self._push + self._tick * acceleration
@@ -173,10 +197,16 @@ class Senses:
         free = high & ~standing
         lifting = flying & standing & (acceleration[:, 2] >= _LIFTING) & (climb < _LIFTING_SLOW)
         learning = flying & ~(standing & self._unlocked) & (high | ~landing)
-        self.thrust.learn(acceleration[:, 2] + self._gravity, disturbance[:, 2], learning, lifting, self._period)
+        span: float | FloatArray = self._period
+        if newest is not None:  # a disturbance that no new pose has confirmed is not learnt from again
+            span, self._taken = self._period * (newest != self._taken), newest.copy()
+        self.thrust.learn(acceleration[:, 2] + self._gravity, disturbance[:, 2], learning, lifting, span)
         # what carries a drone lets nothing come of its commands, which is not taken for a wrong sign
         judged = (flying & ~standing) | self.braking.active
-        astray = self._astray.astray(self._push[:, :2], estimated[:, 3:5], yaw, judged)
+        self._places[:-1] = self._places[1:]
+        self._places[-1] = estimated[:, :2]
+        velocity = (self._places[-1] - self._places[0]) / (_PLACES * self._period)
+        astray = self._astray.astray(self._push[:, :2], velocity, yaw, judged)
         if unseen is not None and np.count_nonzero(unseen):
             astray = self._learn_yaw(astray, unseen & judged)
         self._gone_astray = self._gone_astray | astray
@@ -295,7 +325,8 @@ class Senses:
                 climb = float(np.linalg.norm(estimated[3:6]))
             self.descent.begin(index, now, height - float(guidance.ground[index]), climb, lift)
             answer = self._astray.answer(index) if after is Mode.DESCEND and self._gone_astray[index] else None
-            self.braking.begin(index, answer, estimated[3:5])
+            under_way = self._late * float(np.hypot(*self._acceleration[index, :2]))
+            self.braking.begin(index, answer, estimated[3:5], under_way)
         if after in (Mode.CUT, Mode.REST, Mode.FALLEN, Mode.IDLE):
             self._gone_astray[index] = self._blown[index] = self.braking.active[index] = False
             self._misled[index] = False

@@ -97,7 +97,7 @@ class ControlStep:
                 guidance.land(index, now)
                 self.reports.append(Report(index, f"{text}: it brakes and lands"))
         level = (mode == _LEVEL) | (mode == _DESCEND)
-        aim = parts.loop.aim(now, estimated, reference, flying, level)
+        aim = parts.loop.aim(now, estimated, reference, flying, level, senses.grounded)
         hurried = senses.thrust.hurried
         adapting = flying if hurried is None else flying & ~hurried
         output = parts.steering.step(aim.state, estimator.yaw, aim.base, flying, adapting)
@@ -117,7 +117,7 @@ class ControlStep:
 
         assessment = parts.loop.assess(output, acceleration, flying)
         learning = unseen if parts.orientations.from_motion else None
-        free = senses.note(commanded, estimated, estimator.yaw, flying, guidance.landing, learning)
+        free = senses.note(commanded, estimated, estimator.yaw, flying, guidance.landing, learning, estimator.newest)
         if learning is not None and senses.looked:
             estimator.yaw += senses.take_turns()
         if self._policy.goal_mode is GoalMode.PATH:  # steps take a drone to its limit by themselves
@@ -182,10 +182,11 @@ class ControlStep:
     def _set_out(self, index: int, before: Mode, state: FloatArray) -> None:
         """Let drone index, with a state (6,), set out from where it is: its flight begins, or goes on after a mode."""
         end = self._parts.guidance.destination(index)
-        away = self._parts.guidance.start(index, state, self.now)
+        resumed = before in (Mode.LEVEL, Mode.DESCEND)
+        away = self._parts.guidance.start(index, state, self.now, resumed=resumed)
         if not away or end is None:
             return
-        if before not in (Mode.LEVEL, Mode.DESCEND):
+        if not resumed:
             self.reports.append(Report(index, f"its trajectory is {away:.2f} m away: it stays where it is"))
         elif self._parts.traffic.lead_on(index, end):
             self._parts.guidance.replan(index, self.now)
@@ -201,7 +202,7 @@ class ControlStep:
         command = np.where(flies, output.input, 0.0)
         acceleration = np.where(flies, output.acceleration, 0.0)
         if np.count_nonzero(level):
-            thrust = self._parts.senses.descent.thrust(now)
+            thrust = self._parts.senses.sinking_thrust(now, self.state[:, 5], self.usable)
             command[level, 0] = thrust[level]
             acceleration[level, 2] = thrust[level] - self._certificate.limits.gravity
         return command, acceleration

@@ -45,7 +45,12 @@ class ThrustScale:
         self._lifting = np.zeros(count)  # s of being commanded upward on the ground, less those of not
 
     def learn(
-        self, upward: FloatArray, disturbance: FloatArray, flying: np.ndarray, lifting: np.ndarray, period: float
+        self,
+        upward: FloatArray,
+        disturbance: FloatArray,
+        flying: np.ndarray,
+        lifting: np.ndarray,
+        period: float | FloatArray,
     ) -> None:
         """Follow what one tick shows.
 
@@ -54,7 +59,7 @@ class ThrustScale:
             disturbance: (N,) estimated vertical disturbance, m/s^2.
             flying: (N,) who is in the air, away from the ground, which may carry it.
             lifting: (N,) who stands on the ground and is commanded upward.
-            period: since the last tick, s.
+            period: since the last tick, s; for each drone, or one for all.
         """
         self._learnt += period * flying
         # noise of the velocity hides that it stands, now and then

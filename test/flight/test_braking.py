@@ -63,6 +63,14 @@ def test_what_was_seen_wrongly_is_given_up_before_it_does_harm(
     assert max(speeds(-answer, answer, velocity, yaw)) < np.hypot(*velocity) + 0.6
 
 
+def test_what_commands_on_their_way_still_add_does_not_end_the_braking() -> None:
+    for under_way, ends in ((0.0, True), (0.5, False)):
+        braking = Braking(LIMITS, 1)
+        braking.begin(0, np.eye(2), np.array([1.0, 0.0]), under_way)
+        who, *_ = braking.accelerations(np.array([[1.7, 0.0]]), np.zeros(1), np.ones(1, dtype=bool))
+        assert (who.size == 0) == ends
+
+
 def test_without_anything_seen_or_a_known_velocity_nobody_brakes() -> None:
     braking = Braking(LIMITS, 1)
     moving, still = np.array([[0.5, 0.0]]), np.zeros(1)

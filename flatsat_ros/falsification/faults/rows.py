@@ -27,6 +27,7 @@ from flatsat_ros.falsification.workers import results_of
 SEED = 1
 _RESTING = 4.0  # s after which drones that stand on the floor are not watched any more
 _SLICE = 0.5  # s
+_ROUNDING = 1e-6  # s, of the times of ticks
 _PER_METRE = 5.0  # s more for every metre above the first
 _REMARKS = 6  # of a row, at most
 _BYTES_MAX = 10_000_000
@@ -148,7 +149,7 @@ def _judged(name: str, phase: Phase, scene: Scene, begin: float) -> Row:
         begin = 0.0  # what was wrong from the first moment on may have been told of before
     victims = [drone for drone in fault.victims if drone < scene.fleet.count]
     bounds = fault.special.get(phase, fault.bounds)
-    remarks = [remark for remark in scene.remarks if remark.time >= begin]
+    remarks = [remark for remark in scene.remarks if remark.time > begin - _ROUNDING]
     outcomes = scene.outcomes()
     problems = [f"the controller ended: {scene.failure}"] if scene.failure else []
     problems += broken(outcomes, bounds, victims, remarks, lands=PLANS[phase].lands)

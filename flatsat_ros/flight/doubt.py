@@ -1,0 +1,112 @@
+"""Whether a drone's loop is still the one that its flight certificate is about; if not, its law gets less to correct.
+
+Stiff gains are proved for a lag, a delay and an age of the poses inside intervals. Outside they swing a drone, and one
+whose axis has the wrong sign they throw away before anybody can see it. So a drone whose poses are old, or not where
+the model expects them, is flown softly until that has passed: from the estimate that knows of no lag and delay, with
+the error made smaller before the law sees it, so that for its gain gamma and v0 = -(K_p e + K_v e')
+
+    gamma v0 = -(k_p e + k_v e')
+
+with gains that bear half a second of lag and delay. The law, its gains and its limits stay what they are. The sign of
+an axis shows in the air alone: a drone that takes off is flown softly sideways until it has been there for a while.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flatsat_ros.base.arrays import BoolArray, FloatArray
+from flatsat_ros.certificate.flight import Flight
+
+# k_p, 1/s^2, and k_v, 1/s
+_SOFT = (0.9, 1.4)
+# a pose of this age, s, is older than a loop with the certificate's gains bears for long, whatever was proved
+_OLD = 0.12
+# an innovation of so much, m, and so many times its bound, horizontal and vertical, is no noise, nor a gust of 2 m/s
+_STRANGE, _TIMES = np.array([0.016, 0.0075]), np.array([5.0, 2.5])
+# a drone is doubted for so long, s, after the last reason, and each time for longer by this factor, up to so long, s
+_DOUBTED, _LONGER, _LONGEST = 2.0, 2.0, 60.0
+# and after it has left the ground, sideways, s
+_LIFTED = 1.5
+_TOLD = "its poses come too late or are not where they are expected: flown softly for {:g} s"
+
+
+class Doubt:
+    """Doubts about the loops of N drones.
+
+    Attributes:
+        any: whether there are any.
+    """
+
+    def __init__(self, flight: Flight, bounds: FloatArray, count: int) -> None:
+        """Begin without doubts.
+
+        Args:
+            flight: what is proved.
+            bounds: of the innovation while all holds, horizontal and vertical, (2,), m.
+            count: N.
+        """
+        designs = [axis.design for axis in (flight.horizontal, flight.horizontal, flight.vertical)]
+        stiff = np.array([[design.stiffness for design in designs], [design.rate for design in designs]])
+        self._share = np.minimum(np.array(_SOFT)[:, np.newaxis] / stiff, 1.0).ravel()
+        self._strange = np.maximum(_STRANGE, _TIMES * bounds)
+        self._until = np.full((count, 2), -np.inf)  # s, horizontal and vertical
+        self._lifted = np.full(count, -np.inf)  # s, until when each has just left the ground
+        self._doubted = np.full(count, _DOUBTED)  # for how long the next time, s
+        self._reports: list[tuple[int, str]] = []
+        self.any = False
+
+    def reports(self) -> list[tuple[int, str]]:
+        """Return what is to be told, drone and text, once."""
+        reports, self._reports = self._reports, []
+        return reports
+
+    def of(self, now: float) -> BoolArray:
+        """Return the doubts, (N, 2), horizontal and vertical, at time now, s."""
+        doubts = np.asarray(now < self._until)
+        self.any = bool(np.count_nonzero(doubts))
+        return doubts
+
+    def look(self, now: float, flying: np.ndarray, age: FloatArray, innovation: FloatArray) -> None:
+        """Find reasons to doubt.
+
+        Args:
+            now: s.
+            flying: (N,) who is steered.
+            age: (N,) of the pose that was used last, s.
+            innovation: (N, 2) its size, horizontal and vertical, m.
+        """
+        beyond = innovation > self._strange
+        beyond[:, 1] &= now >= self._lifted  # by then its thrust has been learnt
+        strange = flying & ((age > _OLD) | beyond.any(axis=1))
+        if not np.count_nonzero(strange):
+            return
+        ended = self._until[:, 1]
+        new = strange & (now >= ended)
+        lately = new & (now - ended < _LONGEST)
+        self._doubted = np.where(
+            lately, np.minimum(_LONGER * self._doubted, _LONGEST), np.where(new, _DOUBTED, self._doubted)
+        )
+        self._until[strange] = (now + self._doubted)[strange, np.newaxis]
+        self._reports += [(int(i), _TOLD.format(self._doubted[i])) for i in np.flatnonzero(new)]
+        self.any = True
+
+    def wait(self, now: float, grounded: np.ndarray) -> None:
+        """Doubt what is sideways of drones that have not left the ground, (N,), and for a while after that."""
+        self._lifted[grounded] = now + _LIFTED
+        self._until[grounded, 0] = np.maximum(self._until[grounded, 0], now + _LIFTED)
+        self.any = True
+
+    def soften(self, error: FloatArray, doubts: np.ndarray, gain: FloatArray) -> FloatArray:
+        """Return errors (N, 6), m and m/s, that the law may see.
+
+        Args:
+            error: (N, 6) m and m/s.
+            doubts: (N, 2), see `of`.
+            gain: (N,) gamma.
+        """
+        share = np.minimum(self._share / gain[:, np.newaxis], 1.0)
+        return np.where(doubts[:, _AXES], share * error, error)
+
+
+_AXES = [0, 0, 1, 0, 0, 1]  # of position and velocity

@@ -1,0 +1,137 @@
+"""Doubts about a loop: what is seen raises them, they last, and the law then gets less to correct."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flatsat_ros.certificate.certificate import load_certificate
+from flatsat_ros.flight.doubt import Doubt
+from flatsat_ros.flight.guidance import Guidance
+from flatsat_ros.flight.modes import Mode
+from flatsat_ros.flight.policy import Policy
+from flatsat_ros.flight.senses import Senses
+
+CERTIFICATE = load_certificate("cf21_adaptive_50hz")
+assert CERTIFICATE.flight is not None
+FLIGHT = CERTIFICATE.flight
+BOUNDS = np.array([0.003, 0.003])  # m
+FLYING, CALM = np.ones(1, dtype=bool), np.zeros((1, 2))
+SOFTEST, SOFT = 0.5, 2.0  # 1/s^2 and 1/s: gains that bear half a second of lag and delay are between these
+
+STRANGE = st.one_of(
+    st.floats(0.15, 0.5).map(lambda age: (age, 0.0, 0.0)),
+    st.floats(0.02, 1.0).map(lambda size: (0.0, size, 0.0)),
+    st.floats(0.01, 1.0).map(lambda size: (0.0, 0.0, size)),
+)
+
+
+@given(
+    error=st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6),
+    gain=st.floats(1.0, 4.0),
+    doubts=st.tuples(st.booleans(), st.booleans()),
+)
+def test_the_law_gets_an_error_that_is_smaller_along_doubted_axes_alone_whatever_its_gain(
+    error: list[float], gain: float, doubts: tuple[bool, bool]
+) -> None:
+    doubt, xi = Doubt(FLIGHT, BOUNDS, 1), np.array([error])
+    seen = doubt.soften(xi, np.array([doubts]), np.array([gain]))
+    for axis in range(3):
+        if not doubts[axis == 2]:
+            assert seen[0, [axis, axis + 3]].tolist() == xi[0, [axis, axis + 3]].tolist()
+            continue
+        assert (np.abs(seen) <= np.abs(xi)).all()
+        for entry in (axis, axis + 3):
+            alone = np.zeros((1, 6))
+            alone[0, entry] = 1.0
+            push = -gain * doubt.soften(alone, np.array([doubts]), np.array([gain])) @ CERTIFICATE.matrix[:, 3:]
+            assert SOFTEST < -push[0, axis] < SOFT
+
+
+@given(seen=STRANGE, begin=st.floats(0.0, 1e5))
+def test_old_poses_and_those_that_are_not_where_they_are_expected_are_doubted_for_two_seconds(
+    seen: tuple[float, float, float], begin: float
+) -> None:
+    doubt, age, innovation = Doubt(FLIGHT, BOUNDS, 1), np.array(seen[:1]), np.array([seen[1:]])
+    doubt.look(begin, ~FLYING, age, innovation)
+    doubt.look(begin, FLYING, np.full(1, 0.1), BOUNDS[np.newaxis])
+    assert not doubt.any
+    assert doubt.reports() == []
+    doubt.look(begin, FLYING, age, innovation)
+    doubt.look(begin + 1.0, FLYING, age, innovation)
+    assert doubt.of(begin + 2.9).all()
+    ((index, text),) = doubt.reports()
+    assert index == 0
+    assert text.endswith("flown softly for 2 s")
+    assert not doubt.of(begin + 3.1).any()
+    assert not doubt.any
+
+
+def test_who_is_doubted_again_and_again_is_so_for_longer_each_time() -> None:
+    doubt, now, lasted = Doubt(FLIGHT, BOUNDS, 1), 0.0, []
+    for _ in range(7):
+        doubt.look(now, FLYING, np.full(1, 0.2), CALM)
+        begin = now
+        while doubt.of(now).any():
+            now += 0.1
+        lasted.append(now - begin)
+    assert lasted == pytest.approx([2.0, 4.0, 8.0, 16.0, 32.0, 60.0, 60.0], abs=0.15)
+    doubt.look(now + 61.0, FLYING, np.full(1, 0.2), CALM)
+    assert doubt.of(now + 62.9).all()
+    assert not doubt.of(now + 63.1).any()
+
+
+def test_who_leaves_the_ground_is_doubted_sideways_for_a_moment() -> None:
+    doubt = Doubt(FLIGHT, BOUNDS, 2)
+    doubt.wait(3.0, np.array([True, False]))
+    assert doubt.of(4.0).tolist() == [[True, False], [False, False]]
+    assert not doubt.of(4.6).any()
+    # thrust that is not known yet is nothing strange in its height
+    for now, raised in ((4.4, [False, True]), (4.6, [True, True])):
+        doubt.look(now, np.ones(2, dtype=bool), np.zeros(2), np.array([[0.0, 0.1]] * 2))
+        assert doubt.of(now)[:, 1].tolist() == raised
+
+
+def test_poses_that_do_not_come_teach_nothing_of_the_thrust() -> None:
+    senses = Senses(CERTIFICATE, Policy(thrust_error_max=0.25), 2)
+    estimated = np.zeros((2, 9))
+    estimated[:, 2], estimated[:, 8] = 1.0, 0.5
+    none = np.zeros(2, dtype=bool)
+    before = senses.thrust.scale.copy()
+    for tick in range(20):
+        newest = np.array([0.02 * tick, 7.0])
+        senses.note(np.zeros((2, 3)), estimated, np.zeros(2), ~none, none, newest=newest)
+        if tick == 1:
+            first = senses.thrust.scale[1]
+    assert senses.thrust.scale[0] > before[0] + 0.01
+    assert senses.thrust.scale[1] == first
+
+
+def test_who_is_to_sink_and_climbs_gets_less_thrust_if_it_is_seen() -> None:
+    senses = Senses(CERTIFICATE, Policy(), 4)
+    guidance = Guidance(CERTIFICATE.limits, 1.0, Policy().box, 4)
+    for index in range(4):
+        senses.enter(index, Mode.FLY, Mode.DESCEND, np.zeros(9), 0.0, guidance)
+    climb = np.array([0.5, -0.5, 0.5, 5.0])
+    plain = senses.descent.thrust(1.0)
+    less = plain - senses.sinking_thrust(1.0, climb, np.array([True, True, False, True]))
+    assert less[0] > 0.2
+    assert less[1:3].tolist() == [0.0, 0.0]
+    assert less[0] < less[3] <= 1.0
+
+
+def test_who_sinks_when_its_poses_are_back_comes_to_rest_before_the_floor() -> None:
+    guidance = Guidance(CERTIFICATE.limits, 1.0, Policy().box, 1, FLIGHT)
+    guidance.go_to(0, [0.0, 0.0, 1.0], 0.0)
+    guidance.start(0, np.array([0.0, 0.0, 0.6, 0.1, 0.0, -0.5]), 0.0, resumed=True)
+    times = np.arange(0.0, 10.0, 0.05)
+    way = np.array([guidance.references.motion(0, time)[0] for time in times])
+    assert way[:, 2].min() > 0.1
+    assert way[-1] == pytest.approx([0.0, 0.0, 1.0], abs=1e-6)
+    # and what comes then, in the middle of it, neither
+    guidance.replan(0, 0.5)
+    again = np.array([guidance.references.motion(0, time)[0] for time in times[10:]])
+    assert again[:, 2].min() > 0.1
+    assert np.abs(again[:, :2]).max() < 0.3
