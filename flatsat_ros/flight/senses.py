@@ -37,8 +37,9 @@ _LIFTING = 0.3
 _LIFTING_SLOW = 0.02
 # a certificate that knows nothing of lag and delay does not make the drone answer sooner than after this, s
 _LATE = 0.15
-# whether a drone moves as it is commanded to is seen by its places at so many looks: its estimated velocity believes
-# in the commands, and follows a drone that does otherwise late
+# With a stiff law, whether a drone moves as it is commanded to is seen by its places at so many looks: its estimated
+# velocity believes in the commands, and follows a drone that does otherwise late. A soft law leaves time for that, and
+# lets gusts move a drone so far that they would be taken for a wrong sign.
 _PLACES = 2
 _SLID = "told to climb, it moves sideways instead: is z up in the poses?"
 _SUNK = "told to climb, it is seen {0:.2f} m below where it stood, at most {1:g} m: has z the other sign?"
@@ -203,9 +204,11 @@ class Senses:
         self.thrust.learn(acceleration[:, 2] + self._gravity, disturbance[:, 2], learning, lifting, span)
         # what carries a drone lets nothing come of its commands, which is not taken for a wrong sign
         judged = (flying & ~standing) | self.braking.active
-        self._places[:-1] = self._places[1:]
-        self._places[-1] = estimated[:, :2]
-        velocity = (self._places[-1] - self._places[0]) / (_PLACES * self._period)
+        velocity = estimated[:, 3:5]
+        if self._tubes is not None:
+            self._places[:-1] = self._places[1:]
+            self._places[-1] = estimated[:, :2]
+            velocity = (self._places[-1] - self._places[0]) / (_PLACES * self._period)
         astray = self._astray.astray(self._push[:, :2], velocity, yaw, judged)
         if unseen is not None and np.count_nonzero(unseen):
             astray = self._learn_yaw(astray, unseen & judged)
