@@ -199,7 +199,8 @@ class Senses:
         lifting = flying & standing & (acceleration[:, 2] >= _LIFTING) & (climb < _LIFTING_SLOW)
         learning = flying & ~(standing & self._unlocked) & (high | ~landing)
         span: float | FloatArray = self._period
-        if newest is not None:  # a disturbance that no new pose has confirmed is not learnt from again
+        # what is learnt quickly is not learnt again from a disturbance that no new pose has confirmed
+        if newest is not None and self._tubes is not None:
             span, self._taken = self._period * (newest != self._taken), newest.copy()
         self.thrust.learn(acceleration[:, 2] + self._gravity, disturbance[:, 2], learning, lifting, span)
         # what carries a drone lets nothing come of its commands, which is not taken for a wrong sign
