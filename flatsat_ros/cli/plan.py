@@ -152,6 +152,8 @@ def _tell(plan: Plan) -> None:
     bounds = plan.bounds
     print(f"  {len(plan.drones)} drones, {plan.duration:.3f} s" if len(plan.drones) > 1 else f"  {plan.duration:.3f} s")
     speed = "" if bounds.speed_max is None else f", speed at most {bounds.speed_max:g} m/s"
+    if bounds.acceleration_max is not None:
+        speed += f", acceleration at most {bounds.acceleration_max:.4g} m/s^2"
     print(
         f"  margin {bounds.margin:.4g} m/s^2 to the input set, jerk at most {bounds.jerk_max:g} m/s^3, snap "
         f"{bounds.snap_max:g} m/s^4{speed}"

@@ -88,10 +88,13 @@ def read_mission(path: str | os.PathLike[str], certificate: Certificate, wishes:
         lower, upper = content.box or _around(content.drones)
         if wishes.floor is not None:
             lower = np.array([*lower[:2], require_number("floor", wishes.floor, "m")])
+        *usual, acceleration = default_bounds(certificate)
         wanted = (wishes.margin, wishes.jerk_max, wishes.snap_max)
-        usual = default_bounds(certificate)
-        margin, jerk, snap = (usual[i] if own is None else own for i, own in enumerate(wanted))
-        bounds = Bounds(margin, jerk, snap, lower, upper, wishes.speed_max)
+        margin, jerk, snap = (own if given is None else given for own, given in zip(usual, wanted, strict=True))
+        # tubes are proved for such accelerations; for given tubes nothing is assumed
+        bounds = Bounds(
+            margin, jerk, snap, lower, upper, wishes.speed_max, acceleration if wishes.tube is None else None
+        )
         tube = _tube(certificate, bounds, content.downwash, wishes)
         return Mission(
             name, content.drones, certificate.name, certificate.limits, bounds, tube, content.times, content.downwash,

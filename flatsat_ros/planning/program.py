@@ -207,7 +207,9 @@ def keep_limits(program: Program, reference: Derivatives, limits: InputSet, boun
     lifted = plus(z, power(2, limits.gravity, rows))
     program.bound_norms(power(2, limits.thrust_max - margin, rows), x, y, lifted)
     program.be_positive(plus(z, power(2, limits.gravity - limits.thrust_min - margin, rows)))
-    for order, bound in ((1, bounds.speed_max), (3, bounds.jerk_max), (4, bounds.snap_max)):
+    for order, bound in (
+        (1, bounds.speed_max), (2, bounds.acceleration_max), (3, bounds.jerk_max), (4, bounds.snap_max),
+    ):  # fmt: skip
         if bound is not None:
             axes = reference.axes(order)
             program.bound_norms(power(order, _SHARE * bound, len(axes[0][1])), *axes)

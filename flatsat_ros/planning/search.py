@@ -187,12 +187,14 @@ class Search:
         )
         slopes[accelerations] /= duration**2
         for part, order, most in (
-            (velocities, 1, bounds.speed_max), (jerks, 3, bounds.jerk_max), (snaps, 4, bounds.snap_max),
+            (velocities, 1, bounds.speed_max), (accelerations, 2, bounds.acceleration_max),
+            (jerks, 3, bounds.jerk_max), (snaps, 4, bounds.snap_max),
         ):  # fmt: skip
             if most is not None:
                 scale = duration**order * most
-                charges.append(shorten(values[part] / scale, _SHARE * wider, slopes[part]))
-                slopes[part] /= scale
+                slope = np.empty_like(slopes[part])
+                charges.append(shorten(values[part] / scale, _SHARE * wider, slope))
+                slopes[part] += slope / scale
         gradient = _SMOOTH * modes.ravel() + weight * (self._modes.T @ slopes.reshape(len(slopes), -1)).ravel()
         cost = 0.5 * _SMOOTH * float((modes * modes).sum()) + weight * sum(charge.cost for charge in charges)
         return cost, gradient, max(charge.worst for charge in charges)

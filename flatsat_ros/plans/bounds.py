@@ -50,6 +50,7 @@ class Bounds:
         snap_max: m/s^4.
         lower, upper: (3,) m, corners of the box that the references stay in, to 1 um.
         speed_max: m/s; None for no limit.
+        acceleration_max: m/s^2, within what the margin leaves; None for no limit beside.
 
     Raises:
         FlatsatError: a value is not finite or not above 0, or the box is empty.
@@ -61,11 +62,13 @@ class Bounds:
     lower: FloatArray
     upper: FloatArray
     speed_max: float | None = None
+    acceleration_max: float | None = None
 
     def __post_init__(self) -> None:
         require_fields(self, require_positive, margin="m/s^2", jerk_max="m/s^3", snap_max="m/s^4")
-        if self.speed_max is not None:
-            require_fields(self, require_positive, speed_max="m/s")
+        for name, unit in (("speed_max", "m/s"), ("acceleration_max", "m/s^2")):
+            if getattr(self, name) is not None:
+                require_fields(self, require_positive, **{name: unit})
         for name in ("lower", "upper"):
             corner = finite_array(name, getattr(self, name), 3)
             require(corner.shape == (3,), f"shape of {name}", corner.shape, "", "(3,)")
@@ -95,6 +98,7 @@ class Bounds:
         yield from _accelerations(_wide(curve, 2), limits, self.margin, starts)
         for order, bound, name, unit in (
             (1, self.speed_max, "speed", "m/s"),
+            (2, self.acceleration_max, "acceleration, acceleration_max", "m/s^2"),
             (3, self.jerk_max, "jerk", "m/s^3"),
             (4, self.snap_max, "snap", "m/s^4"),
         ):

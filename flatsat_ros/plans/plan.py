@@ -44,8 +44,8 @@ _DISTANCE_STEP = 10**5  # nm: distances are stated in tenths of a millimetre, ro
 _HEADER = """\
 # A flatsat_ros plan: references for drones, and what is proved about them. `plan --verify` proves it again.
 # limits: the input set that it was made for; thrust m/s^2, tilt rad, gravity m/s^2
-# bounds: margin of accelerations to that set m/s^2, jerk m/s^3, snap m/s^4, speed m/s (null: not bounded), and the
-#   box of the references, m, world frame
+# bounds: margin of accelerations to that set m/s^2, jerk m/s^3, snap m/s^4, speed m/s and acceleration m/s^2
+#   (null: not bounded), and the box of the references, m, world frame
 # downwash: distances are |(dx, dy, dz / downwash)|; clearance m: kept beside bodies and tubes
 # drones: body and tube are radii, m; a tube is how far the drone may be off its reference. Source "given": the user
 #   stated the radius, nothing proves it; "certificate": that proves it for jerk and snap up to a tenth above the
@@ -61,7 +61,7 @@ _ROOT = (
     "passages", "provenance", "hash",
 )  # fmt: skip
 _LIMITS = ("thrust_max", "tilt_max", "gravity", "thrust_min")
-_BOUNDS = ("margin", "jerk_max", "snap_max", "speed_max", "lower", "upper")
+_BOUNDS = ("margin", "jerk_max", "snap_max", "speed_max", "acceleration_max", "lower", "upper")
 
 
 def require_downwash(name: str, value: object, unit: str) -> float:

@@ -54,16 +54,19 @@ def certified_tube(flight: Flight, jerk_max: float, snap_max: float, downwash: f
     return Tube(math.ceil(radius * _STEP) / _STEP, _CERTIFICATE)
 
 
-def default_bounds(certificate: Certificate) -> tuple[float, float, float]:
-    """Return margin, jerk and snap that references shall keep, m/s^2, m/s^3, m/s^4, if nothing else is asked for.
+def default_bounds(certificate: Certificate) -> tuple[float, float, float, float | None]:
+    """Return margin, jerk, snap and acceleration that references shall keep if nothing else is asked for.
 
-    With a flight section they are what it assumes, less what changes of pace ask for beside.
+    With a flight section they are what it assumes, less what changes of pace ask for beside; without one, the margin
+    alone bounds accelerations. In m/s^2, m/s^3, m/s^4 and m/s^2.
     """
     radius, flight = certificate.limits.inner_radius, certificate.flight
     if flight is None:
-        return radius / 2.0, 2.0, 20.0
+        return radius / 2.0, 2.0, 20.0, None
     margin = radius - (radius - flight.margin) / RESERVE
-    return margin, flight.assumptions.jerk / RESERVE, flight.assumptions.snap / RESERVE
+    assumed, acceleration = flight.assumptions, flight.acceleration / RESERVE
+    bound = acceleration if math.isfinite(acceleration) else None
+    return margin, assumed.jerk / RESERVE, assumed.snap / RESERVE, bound
 
 
 def require_tubes(plan: Plan, certificate: Certificate) -> None:

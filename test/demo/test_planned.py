@@ -27,7 +27,7 @@ def loaded(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def save(path: Path, *places: tuple[float, float, float]) -> Path:
     """A plan in which drones move by 0.3 m along y in 6 s."""
-    margin, jerk, snap = default_bounds(CERTIFICATE)
+    margin, jerk, snap, _ = default_bounds(CERTIFICATE)
     share = np.clip((np.arange(13) - 3) / 6, 0.0, 1.0)[:, np.newaxis]
     moved = share * share * (3 - 2 * share) * np.array([0.0, 0.3, 0.0])
     assert CERTIFICATE.flight is not None

@@ -25,6 +25,7 @@ from flatsat_ros.planning.search import Search, Swarm
 from flatsat_ros.planning.shapes import Shapes
 from flatsat_ros.planning.trade import trade
 from flatsat_ros.plans import Bounds, Curve, Plan, Tube
+from flatsat_ros.plans.tubes import RESERVE, require_tubes
 
 CERTIFICATE = load_certificate("paper_experiment")
 LIMITS = CERTIFICATE.limits
@@ -336,3 +337,15 @@ def test_larger_bounds_are_traded_for_larger_tubes(tmp_path: Path) -> None:
     assert all(choice.refused for choice in found if choice.bound is None)
     with pytest.raises(FlatsatError, match="has no flight section"):
         next(trade(asked, CERTIFICATE))
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_references_accelerate_no_more_than_the_certificate_of_their_tubes_assumes(tmp_path: Path, count: int) -> None:
+    flying = Certificate.from_document(read_yaml(config_path("cf21_tight_50hz")))  # not proved again here
+    assert flying.flight is not None
+    ways = [[[0.0, k, 0.5], [1.5, k, 1.5], [0.0, k, 2.0]] for k in map(float, range(count))]
+    text = json.dumps({"drones": {f"cf{k + 1}": way for k, way in enumerate(ways)}})
+    found = plan(read_mission(written(tmp_path, "climbs.yaml", text), flying, Wishes(), "climbs"))
+    require_tubes(found, flying)
+    asked = [float(drone.curve.trajectory().demand()[0].max()) for drone in found.drones]
+    assert 0.8 * flying.flight.acceleration < max(asked) <= flying.flight.acceleration / RESERVE

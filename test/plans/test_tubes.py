@@ -18,7 +18,7 @@ from flatsat_ros.plans.tubes import RESERVE, certified_tube, default_bounds, req
 FLYING = Certificate.from_document(read_yaml(config_path("cf21_flight_50hz")))  # not proved again here
 FLIGHT = FLYING.flight
 assert FLIGHT is not None
-MARGIN, JERK, SNAP = default_bounds(FLYING)
+MARGIN, JERK, SNAP, ACCELERATION = default_bounds(FLYING)
 RADIUS = math.hypot(FLIGHT.horizontal.tube.position, FLIGHT.vertical.tube.position / 2.0)
 
 
@@ -26,7 +26,7 @@ def plan_of(tube: Tube, seconds: int = 12, **changes: float) -> Plan:
     """One drone that flies a metre."""
     points = np.array([[0.0, 0.0, 1.0]] * 4 + [[0.5, 0.0, 1.0]] * 3 + [[1.0, 0.0, 1.0]] * 4)
     curve = Curve.rounded([seconds * 1_000_000 * i // 6 for i in range(7)], points)
-    figures = {"margin": MARGIN, "jerk_max": JERK, "snap_max": SNAP} | changes
+    figures = {"margin": MARGIN, "jerk_max": JERK, "snap_max": SNAP, "acceleration_max": ACCELERATION} | changes
     bounds = Bounds(**figures, lower=np.array([-1.0, -1.0, 0.0]), upper=np.array([2.0, 1.0, 2.0]))
     drones = [PlannedDrone("cf1", curve, 0.1, tube)]
     plan = Plan.of(drones, name="way", certificate=FLYING.name, limits=FLYING.limits, bounds=bounds)
@@ -77,4 +77,4 @@ def test_given_tubes_are_nobodys_business() -> None:
 
 def test_certificates_without_a_flight_section_have_the_bounds_of_before() -> None:
     paper = load_certificate("paper_experiment")
-    assert default_bounds(paper) == (paper.limits.inner_radius / 2.0, 2.0, 20.0)
+    assert default_bounds(paper) == (paper.limits.inner_radius / 2.0, 2.0, 20.0, None)
