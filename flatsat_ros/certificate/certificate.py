@@ -216,7 +216,8 @@ class Certificate:
                 margins[f"{name} <= eps implies |B'P xi|^2 <= rho{axis}"] = 1.0 - reach
             for gain, name in ((self.gain_min, "gain_min"), (self.gain_max, "gain_max")):
                 if immediate:
-                    growth = lyapunov.hold_growth(block, self.period, gain)
+                    # over what decays in a period: however short that is, growth must not pass for rounding
+                    growth = lyapunov.hold_growth(block, self.period, gain) / (self.rate * self.period)
                     margins[f"V does not grow during a period at {name}{axis}"] = -growth
                 else:
                     growth = self.timing.contraction(loop, block, gain) - 1.0
@@ -240,11 +241,19 @@ class Certificate:
             FlatsatError: an inequality does not hold; the text names it and by how much it fails.
         """
         margins = self.margins()
+        self.check(margins)
+        return margins
+
+    def check(self, margins: Mapping[str, float]) -> None:
+        """Refuse the certificate if one of its margins is too small.
+
+        Raises:
+            FlatsatError: as `verify`.
+        """
         for name, margin in margins.items():
             tolerance = 0.0 if name.startswith("flight: ") else _ROUNDING
             if not margin >= -tolerance or ("is positive definite" in name and margin <= 0.0):
                 raise FlatsatError(f"certificate {self.name!r}: '{name}' fails by {-margin:.6g} (relative): must hold")
-        return margins
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Certificate:

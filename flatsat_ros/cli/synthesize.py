@@ -114,12 +114,21 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _verify(path: Path) -> None:
     """Check a certificate and print its margins."""
+    from flatsat_ros.base.errors import FlatsatError
+    from flatsat_ros.base.files import located
+    from flatsat_ros.base.strict_yaml import read_yaml
     from flatsat_ros.certificate.certificate import Certificate
     from flatsat_ros.synthesis.report import margins
 
-    certificate = Certificate.load(path)
+    document = read_yaml(path)
+    try:
+        certificate = Certificate.from_document(document)
+        proved = certificate.margins()
+        print("\n".join(margins(proved)))
+        certificate.check(proved)
+    except FlatsatError as error:
+        raise located(path, error) from error
     print(f"certificate {certificate.name} in {path} holds")
-    print("\n".join(margins(certificate)))
 
 
 def _write_paper(arguments: argparse.Namespace) -> None:

@@ -87,7 +87,7 @@ def _finish(certificate: Certificate, output: Path | None) -> None:
     from flatsat_ros.synthesis.report import margins
 
     print(f"certificate {certificate.name}")
-    print("\n".join(margins(certificate)))
+    print("\n".join(margins(certificate.verify())))
     if output is not None:
         certificate.save(output)
     print(f"  written to {output}" if output is not None else "  not written: give --output FILE")

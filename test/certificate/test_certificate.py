@@ -279,3 +279,9 @@ def test_a_certificate_does_not_change() -> None:
         VALID.level = 9.0  # type: ignore[misc]
     with pytest.raises(ValueError, match="read-only"):
         VALID.block[0, 0] = 9.0
+
+
+def test_however_short_a_period_is_growth_does_not_pass_for_rounding() -> None:
+    """With a gain of nearly 0 V grows by less than any rounding in so short a period, and without end."""
+    with pytest.raises(FlatsatError, match="'V does not grow during a period at gain_min' fails by"):
+        replace(VALID, period=1e-10, gain_min=1e-9).verify()
