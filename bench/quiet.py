@@ -29,7 +29,7 @@ import numpy as np
 
 from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, Certificate, load_certificate
 from flatsat_ros.certificate.flight import Axis
-from flatsat_ros.certificate.flight_loop import Design, Plant
+from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_tube import Tube
 from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
 from flatsat_ros.flight.modes import Mode

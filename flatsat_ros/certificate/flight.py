@@ -18,7 +18,7 @@ from flatsat_ros.base.errors import refusal, require, require_fields, require_no
 from flatsat_ros.base.strict_yaml import section
 from flatsat_ros.certificate.enclosures import decimal, sine
 from flatsat_ros.certificate.flight_cell import Box
-from flatsat_ros.certificate.flight_loop import Design, Plant
+from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_return import Return, box_return
 from flatsat_ros.certificate.flight_tube import Assumptions, Tube, box_tube
 from flatsat_ros.law.input_set import InputSet

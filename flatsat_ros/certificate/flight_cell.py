@@ -37,7 +37,8 @@ from flatsat_ros.certificate.enclosures import (
     exponential,
     upper,
 )
-from flatsat_ros.certificate.flight_loop import Design, Dynamics, Loop, Pieces, Plant, Timing
+from flatsat_ros.certificate.flight_loop import Loop
+from flatsat_ros.certificate.flight_plant import Design, Dynamics, Pieces, Plant, Timing
 
 # Nodes of each stretch of constant command at which signals are bounded; between them by their slope.
 _NODES = 2

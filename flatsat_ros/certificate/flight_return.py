@@ -16,7 +16,7 @@ import numpy as np
 from flatsat_ros.certificate.enclosures import UP, decimal, growth
 from flatsat_ros.certificate.flight_bounds import Drives
 from flatsat_ros.certificate.flight_cell import Box
-from flatsat_ros.certificate.flight_loop import Design
+from flatsat_ros.certificate.flight_plant import Design
 from flatsat_ros.certificate.flight_tube import Tube, cell_bounds, cells
 
 

@@ -21,7 +21,7 @@ from flatsat_ros.base.errors import FlatsatError, refusal, require_fields, requi
 from flatsat_ros.certificate.enclosures import UP, decimal, upper
 from flatsat_ros.certificate.flight_bounds import Bounds, Drives
 from flatsat_ros.certificate.flight_cell import Box, side_by_side
-from flatsat_ros.certificate.flight_loop import Design, Plant
+from flatsat_ros.certificate.flight_plant import Design, Plant
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.certificate.flight_loop import Plant
+from flatsat_ros.certificate.flight_plant import Plant
 from flatsat_ros.crazyflie.vehicle import Dynamics, VehicleProfile
 
 # an attitude loop that is damped less is no first-order lag

@@ -14,7 +14,7 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.enclosures import exponential
 from flatsat_ros.certificate.flight_cell import Box
-from flatsat_ros.certificate.flight_loop import Plant, split
+from flatsat_ros.certificate.flight_plant import Plant, split
 
 _CHANGING = ("lag", "frequency", "damping")
 

@@ -10,7 +10,7 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight import Flight
-from flatsat_ros.certificate.flight_loop import Plant
+from flatsat_ros.certificate.flight_plant import Plant
 from flatsat_ros.falsification.exact_drones import ExactDrones
 from flatsat_ros.falsification.swinging import amplitudes
 from flatsat_ros.falsification.worst_inputs import SIGNALS

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from itertools import islice
 
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.certificate.flight_loop import Plant
+from flatsat_ros.certificate.flight_plant import Plant
 from flatsat_ros.certificate.flight_tube import box_tube
 from flatsat_ros.falsification.flight import PERIODS, Outcome, section_of
 from flatsat_ros.falsification.flight_claims import AXES, KINDS, Breach, Found

@@ -15,7 +15,8 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.flight import Axis
-from flatsat_ros.certificate.flight_loop import FlightLoop, Plant
+from flatsat_ros.certificate.flight_loop import FlightLoop
+from flatsat_ros.certificate.flight_plant import Plant
 from flatsat_ros.certificate.flight_tube import Assumptions
 
 # by how much plants inside the box and gains that change may exceed the corners

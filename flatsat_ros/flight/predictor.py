@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.certificate.flight_loop import Design, FlightLoop, split
+from flatsat_ros.certificate.flight_loop import FlightLoop
+from flatsat_ros.certificate.flight_plant import Design, split
 
 _P, _V, _A, _AA, _D, _U = range(
     6

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.certificate.flight_loop import Design
+from flatsat_ros.certificate.flight_plant import Design
 from flatsat_ros.flight.references import References
 from flatsat_ros.flight.trajectory import SIZE
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.flight_cell import Box
-from flatsat_ros.certificate.flight_loop import Design
+from flatsat_ros.certificate.flight_plant import Design
 from flatsat_ros.certificate.flight_tube import Assumptions, Tube, cell_tubes
 
 # How much one figure matters against another, per width relative to its value; only the number of cells depends on it.

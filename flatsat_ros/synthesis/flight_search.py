@@ -21,7 +21,8 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.flight_cell import Box
-from flatsat_ros.certificate.flight_loop import Design, FlightLoop, Plant
+from flatsat_ros.certificate.flight_loop import FlightLoop
+from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_tube import Assumptions, Tube, cell_tubes
 from flatsat_ros.synthesis.flight_design import AxisDesign
 from flatsat_ros.synthesis.flight_wishes import Plants

@@ -10,7 +10,7 @@ from flatsat_ros.base.errors import FlatsatError, refusal, require, require_numb
 from flatsat_ros.base.files import located
 from flatsat_ros.base.strict_yaml import read_yaml
 from flatsat_ros.certificate.flight_cell import Box
-from flatsat_ros.certificate.flight_loop import Plant
+from flatsat_ros.certificate.flight_plant import Plant
 from flatsat_ros.certificate.flight_tube import Assumptions
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 

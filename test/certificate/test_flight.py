@@ -17,7 +17,7 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight import Axis, Flight
 from flatsat_ros.certificate.flight_cell import Box
-from flatsat_ros.certificate.flight_loop import Design, Plant
+from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_return import Return
 from flatsat_ros.certificate.flight_tube import Assumptions, Tube
 from flatsat_ros.law.input_set import InputSet

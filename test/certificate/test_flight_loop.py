@@ -14,7 +14,8 @@ from scipy.linalg import expm
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.enclosures import exponential
-from flatsat_ros.certificate.flight_loop import Design, FlightLoop, Plant, split
+from flatsat_ros.certificate.flight_loop import FlightLoop
+from flatsat_ros.certificate.flight_plant import Design, Plant, split
 from flatsat_ros.certificate.flight_tube import Assumptions
 
 PERIOD = 0.02

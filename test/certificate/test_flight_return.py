@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from flatsat_ros.certificate.flight_cell import Box
-from flatsat_ros.certificate.flight_loop import Design, FlightLoop, Plant
+from flatsat_ros.certificate.flight_loop import FlightLoop
+from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_return import Return, box_return, cell_returns
 from flatsat_ros.certificate.flight_tube import Assumptions, box_tube
 

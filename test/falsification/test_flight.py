@@ -15,7 +15,8 @@ from flatsat_ros.base.strict_yaml import read_yaml, write_yaml
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight import Axis, Flight
 from flatsat_ros.certificate.flight_cell import Box
-from flatsat_ros.certificate.flight_loop import Design, FlightLoop, Plant
+from flatsat_ros.certificate.flight_loop import FlightLoop
+from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_return import Return
 from flatsat_ros.certificate.flight_tube import Assumptions, Tube
 from flatsat_ros.cli.falsify import main

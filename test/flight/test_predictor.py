@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.certificate.flight_loop import Design, FlightLoop, Plant, split
+from flatsat_ros.certificate.flight_loop import FlightLoop
+from flatsat_ros.certificate.flight_plant import Design, Plant, split
 from flatsat_ros.flight.predictor import Predictor
 from flatsat_ros.flight.preview import Preview
 from flatsat_ros.flight.references import References

@@ -7,7 +7,7 @@ import pytest
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.flight_cell import Box
-from flatsat_ros.certificate.flight_loop import Design, Plant
+from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_tube import Assumptions, box_tube, cell_tube
 from flatsat_ros.synthesis.flight_cover import Cover, corners, cover
 

@@ -17,7 +17,8 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.strict_yaml import read_yaml, write_yaml
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight_cell import Box
-from flatsat_ros.certificate.flight_loop import Design, FlightLoop, Plant
+from flatsat_ros.certificate.flight_loop import FlightLoop
+from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_tube import Assumptions
 from flatsat_ros.certificate.lyapunov import decay_residual
 from flatsat_ros.crazyflie.vehicle import load_vehicle
