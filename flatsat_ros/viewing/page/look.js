@@ -10,6 +10,7 @@ const MODE_COLOURS = ["#66717c", "#1f6fb2", "#007a59", "#8f6200", "#4a1c2a", "#4
 const ASSUMPTIONS = [
   "", "pose too old", "ticks not even", "poses not where expected", "disturbance too large", "disturbance changes too fast",
   "reference asks for too much", "gain outside its interval", "not back in its tube yet", "outside its tube",
+  "late or early to follow",
 ];
 
 function colourOf(index) {
