@@ -62,6 +62,14 @@ class Dongle:
         return SimpleNamespace(ack=self.heard)
 
 
+def test_the_endpoint_of_these_tests_outlives_drones_that_are_switched_off() -> None:
+    drones = Endpoint(SimulatedFleet(load_vehicle("cf21"), 1))
+    for _ in range(2000):
+        drones.switch_on()
+        drones.switch_off(0)
+    drones.close()
+
+
 def test_the_newest_set_point_takes_the_place_of_what_says_nothing() -> None:
     dongle, box, answered = Dongle(), outbox(), [False]
     cflib_sender.Turn(SimpleNamespace(link=SimpleNamespace(_radio=dongle)), box, lambda: answered[0])

@@ -133,6 +133,8 @@ class Endpoint:
         self._log_table, self._parameters = log, parameters
         self._commands = [Commands(fleet, index) for index in range(fleet.count)]
         self._random = random.Random(seed)
+        # a socket that is closed leaves it by itself, even while the thread waits
+        self._arrivals = select.epoll()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="endpoint", daemon=True)
         self._thread.start()
@@ -150,6 +152,7 @@ class Endpoint:
                 drone.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
                 drone.socket.setblocking(False)
                 drone.socket.bind(("127.0.0.1", drone.port))
+                self._arrivals.register(drone.socket, select.EPOLLIN)
                 drone.peer, drone.blocks, drone.parameters = None, {}, {}
                 self._commands[index] = Commands(self.fleet, index)
                 self.fleet.reboot(index)
@@ -175,12 +178,12 @@ class Endpoint:
         self._thread.join()
         for index in range(len(self.drones)):
             self.switch_off(index)
+        self._arrivals.close()
 
     def _run(self) -> None:
         seen, room = time.monotonic(), 0.0
         while not self._closing.is_set():
-            open_sockets = [drone.socket for drone in self.drones if drone.socket]
-            select.select(open_sockets, [], [], _PATIENCE)
+            self._arrivals.poll(_PATIENCE)
             now = time.monotonic()
             with self.lock:
                 room += min(now - seen, _CATCH_UP)
