@@ -9,7 +9,7 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.answers import answers
 from flatsat_ros.certificate.enclosures import UP, Enclosure, concatenate, decimal, enclosed, upper
-from flatsat_ros.certificate.flight_cell import Cells, growth
+from flatsat_ros.certificate.flight_batch import Cells, growth
 
 # Pieces of a period over which the effect of inputs that vary within it is interpolated.
 _PIECES = 2

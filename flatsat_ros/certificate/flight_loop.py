@@ -27,8 +27,11 @@ bounds are bounds of Euclidean norms of vectors over the axes that share their f
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +44,7 @@ from flatsat_ros.certificate.flight_plant import Design, Dynamics, Pieces, Plant
 _DEPTH = 40
 
 
-class Loop:
+class Loop(ABC):
     """A design on a plant or, with enclosures for figures, on a batch of plants that differ in figures alone.
 
     Attributes:
@@ -54,28 +57,28 @@ class Loop:
     design: Design
 
     @property
+    @abstractmethod
     def body(self) -> Dynamics:
         """The equation of the plant."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def believed(self) -> Dynamics:
         """The equation of the nominal plant."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def gain(self) -> Numbers:
         """The gain g of the plant."""
-        raise NotImplementedError
 
     @property
-    def timing(self) -> Timing:
-        """Which commands act when."""
-        raise NotImplementedError
+    @abstractmethod
+    def timing(self) -> Timing[Any]:
+        """Which commands act when; times are figures by `figure`."""
 
+    @abstractmethod
     def figure(self, value: Numbers) -> Numbers:
         """Return a figure, a fraction or one that a decimal stands for, as the loop computes with it."""
-        raise NotImplementedError
 
     @property
     def depth(self) -> int:
@@ -100,7 +103,9 @@ class Loop:
         rows[1:, self._error + 1 : n] = np.eye(self.depth)
         return rows
 
-    def driven(self, dynamics: Dynamics, gain: Numbers, begin: int, acting: Pieces, error: bool = False) -> Numbers:
+    def driven(
+        self, dynamics: Dynamics, gain: Numbers, begin: int, acting: Pieces[Any], error: bool = False
+    ) -> Numbers:
         """Return rows (..., x, n + 1) of a plant's state, which is in z from `begin` on, after commands have acted.
 
         Args:
@@ -230,9 +235,9 @@ class Loop:
         return self._entered(column, 0) + self.share * self.share_input
 
     @property
+    @abstractmethod
     def share(self) -> Numbers:
         """1/g, as (..., 1)."""
-        raise NotImplementedError
 
     @cached_property
     def share_input(self) -> Numbers:
@@ -305,7 +310,7 @@ class FlightLoop(Loop):
         return 1.0 / self.plant.gain
 
     @cached_property
-    def timing(self) -> Timing:
+    def timing(self) -> Timing[Fraction]:
         """Which commands act when."""
         return Timing.of(self.design, decimal(self.plant.delay), decimal(self.pose_age))
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -172,7 +173,9 @@ class Design:
         return cls(period, model, observer, stiffness, rate, model.delay, model.lead)
 
 
-Pieces = list[tuple[int, Fraction]]
+Time = TypeVar("Time")
+# How many periods old a command is that acts, and how long it does, in the order in which they act.
+Pieces = list[tuple[int, Time]]
 
 
 def split(delay: float, period: float) -> tuple[int, float]:
@@ -181,7 +184,7 @@ def split(delay: float, period: float) -> tuple[int, float]:
     return whole, float(decimal(delay) - whole * decimal(period))
 
 
-def pieces(delay: Fraction, period: Fraction, until: Fraction) -> Pieces:
+def pieces(delay: Fraction, period: Fraction, until: Fraction) -> Pieces[Fraction]:
     """Return which commands act from a tick on until a time within the period: how many periods old, and how long."""
     whole = math.floor(delay / period)
     rest, found = delay - whole * period, []
@@ -192,7 +195,7 @@ def pieces(delay: Fraction, period: Fraction, until: Fraction) -> Pieces:
     return found
 
 
-def _ahead(delay: Fraction, period: Fraction, horizon: Fraction) -> Pieces:
+def _ahead(delay: Fraction, period: Fraction, horizon: Fraction) -> Pieces[Fraction]:
     """Return which commands act while a delay passes, from a tick on: how many periods old, and how long."""
     found, elapsed = [], Fraction(0)
     while elapsed < horizon:
@@ -204,7 +207,7 @@ def _ahead(delay: Fraction, period: Fraction, horizon: Fraction) -> Pieces:
 
 
 @dataclass(frozen=True)
-class Timing:
+class Timing(Generic[Time]):
     """Which commands act when, on a plant and on the nominal one: how many periods old, and for how long, s.
 
     Attributes:
@@ -214,18 +217,18 @@ class Timing:
         depth: M, the number of commands under way that z keeps.
     """
 
-    plant: Pieces
-    model: Pieces
-    plant_young: Pieces
-    model_young: Pieces
-    ahead: Pieces
+    plant: Pieces[Time]
+    model: Pieces[Fraction]
+    plant_young: Pieces[Time]
+    model_young: Pieces[Fraction]
+    ahead: Pieces[Fraction]
     depth: int
 
-    @classmethod
-    def of(cls, design: Design, delay: Fraction, pose_age: Fraction) -> Timing:
+    @staticmethod
+    def of(design: Design, delay: Fraction, pose_age: Fraction) -> Timing[Fraction]:
         """Return it for a delay of the plant and an age of poses, s."""
         h, nominal = decimal(design.period), decimal(design.model.delay)
-        return cls(
+        return Timing(
             plant=pieces(delay, h, h),
             model=pieces(nominal, h, h),
             plant_young=pieces(delay, h, h - pose_age),

@@ -19,8 +19,9 @@ import numpy as np
 
 from flatsat_ros.base.errors import FlatsatError, refusal, require_fields, require_not_negative
 from flatsat_ros.certificate.enclosures import UP, decimal, upper
+from flatsat_ros.certificate.flight_batch import side_by_side
 from flatsat_ros.certificate.flight_bounds import Bounds, Drives
-from flatsat_ros.certificate.flight_cell import Box, side_by_side
+from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_plant import Design, Plant
 
 

@@ -14,7 +14,8 @@ from scipy.optimize import linprog
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.enclosures import decimal
-from flatsat_ros.certificate.flight_cell import Box, Cell, Cells
+from flatsat_ros.certificate.flight_batch import Cells
+from flatsat_ros.certificate.flight_cell import Box, Cell
 from flatsat_ros.certificate.flight_loop import FlightLoop
 from flatsat_ros.certificate.flight_plant import Design, Dynamics, Plant
 from flatsat_ros.certificate.flight_tube import Assumptions, Tube, cell_bounds, cell_tube
