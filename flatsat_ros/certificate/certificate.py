@@ -14,22 +14,20 @@ from typing import Any
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray, finite_array
-from flatsat_ros.base.errors import LARGEST, FlatsatError, refusal, require, require_fields, require_positive
+from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.errors import FlatsatError, refusal, require, require_fields, require_positive
 from flatsat_ros.base.files import located
 from flatsat_ros.base.resources import config_path
-from flatsat_ros.base.strict_yaml import read_yaml, section, write_yaml
+from flatsat_ros.base.strict_yaml import read_yaml, write_yaml
 from flatsat_ros.certificate import flight as flight_section
-from flatsat_ros.certificate import lyapunov
+from flatsat_ros.certificate import form, lyapunov
 from flatsat_ros.certificate.flight import Flight
+from flatsat_ros.certificate.form import ROUNDING, symmetric_matrix
 from flatsat_ros.certificate.robust import Robust
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.certificate.sets import Sets
 from flatsat_ros.certificate.verified import is_verified, remember
 from flatsat_ros.law.input_set import InputSet
-
-# Versions of the file: the second has a flight section.
-FORMATS = (1, 2)
 
 # What a controller flies by default: for the vehicle profile that it takes by default, and what the flight layer's
 # reactions to faults were flown with.
@@ -37,33 +35,8 @@ DEFAULT_CERTIFICATE = "cf21_50hz"
 # What the demo flies and what is planned for by default: it has a flight section, for the same vehicle.
 FLIGHT_CERTIFICATE = "cf21_adaptive_50hz"
 
-# Relative rounding that a proved inequality may show when it is tight; far below anything physical.
-_ROUNDING = 1e-9
-
 # Smallest eigenvalue, relative to the largest, of a matrix that counts as positive definite: below, rounding decides.
 _DEFINITE = 1e-12
-
-_HEADER = """\
-# A flatsat_ros certificate. Written by synthesis, verified on load: edit the inputs, not the figures.
-# limits: thrust_max T_max and thrust_min m/s^2 (normalised by the mass), tilt_max eps_max rad, gravity g m/s^2
-# lyapunov: V(xi) = xi' P xi, xi = (position error m, velocity error m/s); block is that of P for x and for y,
-#   block_vertical for z (null: the same); V' <= -rate V in continuous time, rate alpha 1/s
-# invariant_set: V <= level (eps) implies |B'P xi|^2 <= ball (rho, m^2/s^4), a ball inside the input set
-# sampling: command held for period h s, lag tau s, delay d s; V does not grow for applied gains in
-#   [gain_min, gain_max]: gain_max caps gamma, gain_min is the smallest kappa whose kappa-sets are certified
-# loop: W per axis for z = (p, v[, a], past commands) takes the place of V (null: neither lag nor delay)
-# robust: against drift m/s and push m/s^2, each (x and y, z); rate beta 1/s, box vbar m/s^2; the sampled loop never
-#   leaves V <= floor; share p of a period's growth is the disturbance's (null: nothing is certified)
-"""
-
-_SCHEMA: dict[str, tuple[str, ...]] = {
-    "limits": ("thrust_max", "tilt_max", "gravity", "thrust_min"),
-    "lyapunov": ("rate", "block", "block_vertical", "matrix"),
-    "invariant_set": ("ball", "level"),
-    "sampling": ("period", "lag", "delay", "gain_min", "gain_max"),
-}
-_LOOP = ("horizontal", "vertical")
-_ROBUST = ("rate", "drift", "push", "box", "floor", "share")
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +100,7 @@ class Certificate:
         sizes = {"block": 2, "block_vertical": 2, "loop": timing.size, "loop_vertical": timing.size}
         for name, size in sizes.items():
             if name == "block" or getattr(self, name) is not None:
-                matrix = _matrix(name, getattr(self, name), size)
+                matrix = symmetric_matrix(name, getattr(self, name), size)
                 matrix.setflags(write=False)
                 object.__setattr__(self, name, matrix)
         if self.flight is not None:
@@ -251,7 +224,7 @@ class Certificate:
             FlatsatError: as `verify`.
         """
         for name, margin in margins.items():
-            tolerance = 0.0 if name.startswith("flight: ") else _ROUNDING
+            tolerance = 0.0 if name.startswith("flight: ") else ROUNDING
             if not margin >= -tolerance or ("is positive definite" in name and margin <= 0.0):
                 raise FlatsatError(f"certificate {self.name!r}: '{name}' fails by {-margin:.6g} (relative): must hold")
 
@@ -281,44 +254,10 @@ class Certificate:
     @classmethod
     def from_document(cls, document: object) -> Certificate:
         """Build a certificate from the parsed YAML document, refusing whatever is not exactly its form."""
-        version = document.get("flatsat_certificate") if isinstance(document, dict) else None
-        flies = version == FORMATS[1] and not isinstance(version, bool)
-        keys = (
-            "flatsat_certificate",
-            "name",
-            *_SCHEMA,
-            "loop",
-            "robust",
-            *(("flight",) if flies else ()),
-            "provenance",
-        )
-        root = section("the certificate", document, keys)
-        if not flies and (version != FORMATS[0] or isinstance(version, bool)):
-            raise refusal("flatsat_certificate", version, "", f"{FORMATS[0]} or {FORMATS[1]}, what this version reads")
-        if not isinstance(root["name"], str) or not root["name"]:
-            raise refusal("name", root["name"], "", "a non-empty string")
-        if not isinstance(root["provenance"], dict):
-            raise refusal("provenance", root["provenance"], "", "a mapping")
-        limits, decay, invariant, sampling = (section(key, root[key], keys) for key, keys in _SCHEMA.items())
-        loop = dict.fromkeys(_LOOP) if root["loop"] is None else section("loop", root["loop"], _LOOP)
-        robust = None if root["robust"] is None else Robust(**section("robust", root["robust"], _ROBUST))
-        certificate = cls(
-            name=root["name"],
-            limits=InputSet(**limits),
-            rate=decay["rate"],
-            block=_matrix("lyapunov.block", decay["block"], 2),
-            block_vertical=decay["block_vertical"],
-            **invariant,
-            **sampling,
-            loop=loop["horizontal"],
-            loop_vertical=loop["vertical"],
-            robust=robust,
-            flight=Flight.from_document(root["flight"], sampling["period"]) if flies else None,
-            provenance=root["provenance"],
-        )
-        matrix = _matrix("lyapunov.matrix", decay["matrix"], 6)
+        figures, matrix = form.read(document)
+        certificate = cls(**figures)
         difference = float(np.abs(matrix - certificate.matrix).max())
-        if difference > _ROUNDING * float(np.abs(matrix).max()):
+        if difference > ROUNDING * float(np.abs(matrix).max()):
             raise refusal("difference of lyapunov.matrix from that of its blocks", difference, "", "0")
         return certificate
 
@@ -330,21 +269,21 @@ class Certificate:
 
         loop = {"horizontal": plain(self.loop), "vertical": plain(self.loop_vertical)}
         values: dict[str, Any] = {
-            "limits": {key: getattr(self.limits, key) for key in _SCHEMA["limits"]},
+            "limits": {key: getattr(self.limits, key) for key in form.SCHEMA["limits"]},
             "lyapunov": {
                 "rate": self.rate,
                 "block": self.block.tolist(),
                 "block_vertical": plain(self.block_vertical),
                 "matrix": self.matrix.tolist(),
             },
-            "invariant_set": {key: getattr(self, key) for key in _SCHEMA["invariant_set"]},
-            "sampling": {key: getattr(self, key) for key in _SCHEMA["sampling"]},
+            "invariant_set": {key: getattr(self, key) for key in form.SCHEMA["invariant_set"]},
+            "sampling": {key: getattr(self, key) for key in form.SCHEMA["sampling"]},
             "loop": None if self.loop is None else loop,
             "robust": None if self.robust is None else self.robust.to_document(),
         }
         if self.flight is not None:
             values["flight"] = self.flight.to_document()
-        version = FORMATS[self.flight is not None]
+        version = form.FORMATS[self.flight is not None]
         return {"flatsat_certificate": version, "name": self.name, **values, "provenance": dict(self.provenance)}
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -357,7 +296,7 @@ class Certificate:
             FlatsatError: an inequality does not hold, or the file cannot be written.
         """
         self.verify()
-        header = _HEADER if self.flight is None else _HEADER + flight_section.HEADER
+        header = form.HEADER if self.flight is None else form.HEADER + flight_section.HEADER
         write_yaml(path, self.to_document(), header)
 
 
@@ -378,15 +317,3 @@ def _slope(metric: FloatArray, block: FloatArray) -> float:
     feedback = np.zeros(len(metric))
     feedback[:2] = block[1]
     return float(feedback @ np.linalg.solve(metric, feedback))
-
-
-def _matrix(name: str, value: object, size: int) -> FloatArray:
-    """Return a symmetric (size, size) array of floats of at most LARGEST."""
-    matrix = np.array(finite_array(name, value))
-    if matrix.shape != (size, size):
-        raise refusal(f"shape of {name}", matrix.shape, "", f"({size}, {size})")
-    largest = float(np.abs(matrix).max())
-    require(largest <= LARGEST, f"an entry of {name}", largest, "", f"at most {LARGEST:g} in size")
-    asymmetry = float(np.abs(matrix - matrix.T).max())
-    require(asymmetry <= _ROUNDING * largest, f"asymmetry of {name}", asymmetry, "", "0: the matrix is symmetric")
-    return matrix
