@@ -8,10 +8,8 @@
   near yet, may still be given trajectories of their own: those of a swap come one after the other.
 - A drone whose battery is empty, or whose controller ends, lands aside if another robot is below (`flight.landings`);
   without poses that is only told.
-- References change by themselves, too, as when they wait for a drone to climb. So if two come too near within
-  `_FORESIGHT`, the drone whose reference is younger brakes and waits; if that one rests, the other does.
-- Drones that are measured nearer than the separation both brake; the one whose reference is older then goes on when its
-  way is clear.
+- References change by themselves, too, as when they wait for a drone to climb. So where two come too near soon, or
+  drones are, somebody brakes (`flight.yielding`).
 
 With `goal_mode: step` references jump, as in the paper: nothing is refused and nobody brakes, but it is told.
 """
@@ -31,26 +29,15 @@ from flatsat_ros.flight.landings import Landings
 from flatsat_ros.flight.modes import AIRBORNE, Mode, Transition
 from flatsat_ros.flight.neighbours import Conflict, Neighbours
 from flatsat_ros.flight.policy import GoalMode, Policy
-from flatsat_ros.flight.separation import DOWNWASH, IN_THE_AIR, Track, near_pairs
+from flatsat_ros.flight.separation import IN_THE_AIR, Track
 from flatsat_ros.flight.supervisor import Supervisor
 from flatsat_ros.flight.tick import Report
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.flight.waiting import Waiting
+from flatsat_ros.flight.yielding import SOON, Yielding
 
-# references that come too near within this time, s, are not flown: at 1 m/s a path needs 2.2 s to brake
-_FORESIGHT = 2.5
-# within this time, s, a trajectory must not come near a drone at rest; so long the trajectories of others may take
-_SOON = 0.5
-# between two looks at what waits, or may come near, s; at most so many changed references are looked at each time
+# between two looks at what waits, or may come near, s
 _LOOK_PERIOD = 0.1
-_LOOKS = 4
-# shortest and longest time between two looks at who is near whom, s; drones change their speed by less until then, m/s
-_MEASURE_PERIODS = (0.05, 0.5)
-_SPEED_CHANGE = 1.0
-# drones that have been too near are told again when they have been farther apart than that by this, m
-_APART = 0.05
-# a drone less than this above its ground, m, does not brake: it would stay there with its motors on
-_NEAR_GROUND = 0.2
 
 
 class Traffic:
@@ -72,17 +59,11 @@ class Traffic:
         self._neighbours = Neighbours(policy, guidance, supervisor, names, others)
         self._steps = policy.goal_mode is GoalMode.STEP
         self._alone = len(names) + len(others) < 2
-        # running number of each newest reference, and when it was given, s; robots that others fly have the oldest
-        self._given, self._given_at = np.zeros(len(names) + len(others)), np.full(len(names), -math.inf)
         self._waiting = Waiting(guidance, supervisor, self._neighbours)
         self._landings = Landings(guidance, self._neighbours, policy.separation)
-        self._changed: set[int] = set()
-        self._suspects: set[tuple[int, int]] = set()  # pairs whose references will come too near
-        self._warned: set[tuple[int, int]] = set()  # of those, the ones that nobody can brake
-        self._near: set[tuple[int, int]] = set()  # pairs that are too near, and were told
-        self._brakes: dict[int, Trajectory | None] = {}  # the references of those that were made to brake
+        self._yielding = Yielding(policy, guidance, self._neighbours, self._waiting)
         self._reports: list[Report] = []
-        self._measured = self._looked = self._due = -math.inf  # when to look again, s
+        self._looked = self._due = -math.inf  # when to look again, s
 
     def note(self, now: float, state: FloatArray, usable: np.ndarray) -> None:
         """Take note of a tick.
@@ -102,7 +83,7 @@ class Traffic:
 
     def set_clock_back(self) -> None:
         """Look again at once: the clock was set back."""
-        self._measured = self._looked = self._due = -math.inf
+        self._looked = self._due = self._yielding.measures_at = -math.inf
         self._waiting.set_clock_back()
 
     def see(self, other: int, position: ArrayLike, now: float) -> None:
@@ -112,8 +93,9 @@ class Traffic:
 
     def reports(self) -> list[Report]:
         """Return what people should know since the last call."""
-        reports, self._reports = self._reports + self._waiting.reports + self._landings.reports, []
-        self._waiting.reports, self._landings.reports = [], []
+        reports, self._reports = self._reports, []
+        for part in (self._yielding, self._waiting, self._landings):
+            reports, part.reports = reports + part.reports, []
         return reports
 
     def admit_goal(self, index: int, position: ArrayLike, yaw: float) -> bool:
@@ -130,7 +112,7 @@ class Traffic:
             self._tell_who_leaves(index, goal)
             self._guidance.go_to(index, goal, yaw)
             return True
-        self._wait(index, goal.copy(), yaw, conflicts[0])
+        self._yielding.wait(index, goal.copy(), yaw, conflicts[0])
         mode = self._neighbours.mode(index)
         if mode is Mode.FLY and self._guidance.landing[index]:
             self._guidance.brake(index, self._neighbours.now)
@@ -149,7 +131,7 @@ class Traffic:
             does = "it goes to the end of that" if goes else "it will go to the end of that"
         except FlatsatError as error:
             goes, does = False, f"it stays where it is: {error}"
-        if not goes and self._is_low(index):
+        if not goes and self._yielding.is_low(index):
             self.withdraw(index)
             self._guidance.land(index, self._neighbours.now)
             does = "it is near the ground and its way is not clear: it lands"
@@ -202,7 +184,7 @@ class Traffic:
             conflicts = self._neighbours.conflicts(index, track, without=without)
             self._require_clear([conflict for conflict in conflicts if not conflict.rests])
             if conflicts:
-                self._require_clear(self._neighbours.conflicts(index, track, now + _SOON, without=without))
+                self._require_clear(self._neighbours.conflicts(index, track, now + SOON, without=without))
         self._guidance.follow(index, trajectory)
         self._number(index)
 
@@ -231,7 +213,7 @@ class Traffic:
     def follow(self, transitions: Sequence[Transition]) -> None:
         """Take note of changed modes: what waits for a drone that has come down is forgotten."""
         for index, before, after, _ in transitions:
-            self._changed.add(index)
+            self._yielding.changed.add(index)
             if before in AIRBORNE and after not in AIRBORNE:
                 self.withdraw(index)
             if after is Mode.DESCEND and not self._alone:
@@ -242,36 +224,31 @@ class Traffic:
     def look(self) -> list[int]:
         """Look who may come near whom, and let drones brake; return whose goals need not wait any longer."""
         now, begun = self._neighbours.now, []
-        self._changed |= self._neighbours.take_references()
+        self._yielding.changed |= self._neighbours.take_references()
         for text in self._neighbours.changes_of_sight(self._policy.pose_timeout):
             self._tell(0, text)
-        if now >= self._measured:
-            self._measure()
+        if now >= self._yielding.measures_at:
+            self._yielding.measure()
         if now >= self._looked and not self._steps:
             self._looked = now + _LOOK_PERIOD
-            for index in sorted(self._changed)[:_LOOKS]:
-                self._suspect(index)
-            for pair in sorted(self._suspects):
-                self._foresee(pair)
-            self._warned &= self._suspects
-            self._changed |= self._neighbours.take_references()  # of those that brake now
+            self._yielding.foresee()
             begun = self._waiting.look()
             self._landings.look()
-        busy = not self._steps and (self._changed or self._suspects or self._waiting.goals or self._landings.aside)
-        self._due = min(self._measured, self._looked) if busy else self._measured
+        busy = not self._steps and (self._yielding.is_busy or self._waiting.goals or self._landings.aside)
+        self._due = min(self._yielding.measures_at, self._looked) if busy else self._yielding.measures_at
         return begun
 
     def _must_check(self) -> bool:
         """Tell whether references are checked; take the newest if they are."""
         if self._alone or self._steps:
             return False
-        self._changed |= self._neighbours.take_references()
+        self._yielding.changed |= self._neighbours.take_references()
         return True
 
     def _number(self, index: int) -> None:
         """Note that drone index has a new reference."""
         self.withdraw(index)
-        self._given[index], self._given_at[index] = self._given.max() + 1.0, self._neighbours.now
+        self._yielding.number(index)
         self._due = -math.inf
 
     def _on_way(self, index: int, goal: FloatArray) -> list[Conflict]:
@@ -325,93 +302,3 @@ class Traffic:
     def _tell(self, index: int, text: str) -> None:
         self._reports.append(Report(index, text))
         self._due = -math.inf
-
-    def _wait(self, index: int, goal: FloatArray, yaw: float, conflict: Conflict) -> None:
-        self._waiting.put(index, goal, yaw, self._given[index])
-        self._tell(index, f"its goal waits until the way is clear: {self._neighbours.describe(conflict)}")
-
-    def _suspect(self, index: int) -> None:
-        """Find out anew who will come too near to robot index."""
-        self._changed.discard(index)
-        self._suspects = {pair for pair in self._suspects if index not in pair}
-        here = self._neighbours.presence(index)
-        if here is not None:
-            for conflict in self._neighbours.conflicts(index, here.track, scale=here.scale):
-                self._suspects.add((min(index, conflict.other), max(index, conflict.other)))
-
-    def _foresee(self, pair: tuple[int, int]) -> None:
-        """Let one of two robots brake if their references come too near soon; it waits, if it has a goal."""
-        there, now = self._neighbours, self._neighbours.now
-        movers = [index for index in pair if self._moves(index)]
-        if not movers:
-            self._suspects.discard(pair)
-            return
-        brakes = [index for index in movers if not self._keeps_its_way(index)]
-        index = max(brakes or movers, key=lambda i: float(self._given[i]))
-        here = there.presence(index)
-        if here is None or now < self._given_at[index] + _SOON:
-            return
-        conflicts = there.conflicts(index, here.track, now + _FORESIGHT, here.scale)
-        for conflict in (conflict for conflict in conflicts if conflict.other in pair):
-            if not brakes:
-                if pair not in self._warned:
-                    self._tell(index, self._neighbours.describe(conflict))
-                self._warned.add(pair)
-                continue
-            yaw, goal = float(self._guidance.references.yaw[index]), self._brake(index)
-            if goal is not None:
-                self._wait(index, goal, yaw, conflict)
-
-    def _moves(self, index: int) -> bool:
-        """Tell whether a robot is a drone with a reference that moves, and is not braking for another drone."""
-        if self._neighbours.mode(index) is not Mode.FLY or self._guidance.references.at_rest[index]:
-            return False
-        brake = self._brakes.get(index)
-        return brake is None or self._guidance.references.trajectory(index) is not brake
-
-    def _keeps_its_way(self, index: int) -> bool:
-        """Tell whether drone index does not brake for others: it lands, or is still near the ground."""
-        return bool(self._guidance.landing[index]) or self._is_low(index)
-
-    def _is_low(self, index: int) -> bool:
-        """Tell whether drone index is near the ground."""
-        return bool(self._neighbours.state[index, 2] - self._guidance.ground[index] < _NEAR_GROUND)
-
-    def _brake(self, index: int) -> FloatArray | None:
-        """Let drone index brake; return where it was on its way to, (3,) m; None if it is led nowhere."""
-        goal = self._guidance.destination(index)
-        self._guidance.brake(index, self._neighbours.now)
-        self._brakes[index] = self._guidance.references.trajectory(index)
-        return None if goal is None else goal.copy()
-
-    def _measure(self) -> None:
-        """Look who is nearer to whom than the separation, and note when anybody can be next."""
-        there, limit = self._neighbours, self._policy.separation
-        pairs, least = near_pairs(there.places(), there.aloft(), limit + _APART)
-        speed = float(np.abs(there.state[:, 3:]).max(initial=0.0)) + _SPEED_CHANGE
-        shortest, longest = _MEASURE_PERIODS
-        self._measured = there.now + min(max((least - limit) / (2.0 * speed), shortest), longest)
-        if not (pairs or self._near):
-            return
-        self._near &= {(i, j) for i, j, _ in pairs}
-        for i, j, distance in pairs:
-            kept = self._neighbours.kept(i, j)
-            must = limit if kept is None else min(kept, limit)
-            if distance < must and (i, j) not in self._near and i < there.count:
-                self._near.add((i, j))
-                self._part(i, j, distance, must)
-
-    def _part(self, i: int, j: int, distance: float, limit: float) -> None:
-        """Let two robots that are too near brake, and the drone whose reference is older go on later."""
-        there, least = self._neighbours, f"at least {limit:.3g} m, {DOWNWASH:g} times that vertically"
-        for index, other in ((i, j), (j, i)):
-            if index >= there.count:
-                continue
-            does = ""
-            if not self._steps and self._moves(index) and not self._keeps_its_way(index):
-                yaw, goal = float(self._guidance.references.yaw[index]), self._brake(index)
-                does = ": it brakes and stays"
-                if goal is not None and self._given[index] < self._given[other]:
-                    self._waiting.put(index, goal, yaw, self._given[index])
-                    does = ": it brakes until its way is clear"
-            self._tell(index, f"{distance:.2f} m from {there.names[other]}, must be {least}{does}")

@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from flatsat_ros.flight import assumptions as assumed
-from flatsat_ros.flight import astray, detectors, estimator, orientation, plausibility, supervisor, traffic, waiting
+from flatsat_ros.flight import astray, detectors, estimator, orientation, plausibility, supervisor, waiting, yielding
 from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.identification.recording import COLUMNS
@@ -254,8 +254,8 @@ def test_every_service_is_documented_with_its_type(page: str, offers: dict[str, 
 
 # what the page says of thresholds, with those of the code
 THRESHOLDS = {
-    "later than {:g} s from now, it is taken": (traffic._SOON,),
-    "References that would come too near within {:g} s after all are not flown": (traffic._FORESIGHT,),
+    "later than {:g} s from now, it is taken": (yielding.SOON,),
+    "References that would come too near within {:g} s after all are not flown": (yielding._FORESIGHT,),
     "After {:g} s with nobody in the way but drones at rest the goal is given up": (waiting._PATIENCE,),
     "level with thrust {:g} g in the air": (Policy.level_thrust,),
     "Poses and goals have at most {} bytes. Lines about a drone come at most once a second each": (cdr._SIZE_MAX,),
