@@ -20,6 +20,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Rectangle
 
+from flatsat_ros.base.colours import PICTURES
 from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, load_certificate
 from flatsat_ros.planning import Wishes, plan, read_mission
 from flatsat_ros.plans import Plan
@@ -57,6 +58,7 @@ def opening() -> str:
     return "\n".join(["drones:", *lines, "obstacles:", *boxes, room]) + "\n"
 
 
+@mpl.rc_context(PICTURES)
 def drawn(found: Plan, path: Path) -> None:
     """Draw references from above and the distances of all pairs over time."""
     figure, (above, over) = plt.subplots(1, 2, figsize=(11, 5))
@@ -79,7 +81,7 @@ def drawn(found: Plan, path: Path) -> None:
         apart = (paths[pair.first] - paths[pair.second]) / [1.0, 1.0, found.downwash]
         over.plot(times, np.linalg.norm(apart, axis=1), color="0.6", linewidth=0.6)
     needed = float(found.required(found.drones[0], found.drones[1]))
-    over.axhline(needed, color="tab:red", label=f"bodies and tubes, {needed:.3f} m")
+    over.axhline(needed, color="C1", label=f"bodies and tubes, {needed:.3f} m")
     over.set(xlabel="time, s", ylabel="distance, m", ylim=(0.0, None), title="distances of all pairs of references")
     over.legend()
     figure.tight_layout()

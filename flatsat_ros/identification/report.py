@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from flatsat_ros.base.colours import PICTURES
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.files import replacing
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
@@ -73,6 +74,7 @@ def lines(identified: Identified, base: VehicleProfile) -> Iterator[str]:
         yield "  one flight does not show how others of this drone differ: the intervals have the usual spread"
 
 
+@mpl.rc_context(PICTURES)
 def draw(identified: Identified, target: Path) -> None:
     """Draw measured and simulated attitude and what the commands do not explain, and the figures with intervals.
 
@@ -87,7 +89,7 @@ def draw(identified: Identified, target: Path) -> None:
     for axes, name in zip(rows[-1][:2], ("attitude", "position"), strict=True):
         _histogram(axes, identified, name)
     _intervals(rows[-1][2], identified)
-    with replacing(target) as file, mpl.rc_context({"svg.hashsalt": "flatsat_ros"}):
+    with replacing(target) as file:
         figure.savefig(file, dpi=110)
 
 
@@ -98,13 +100,13 @@ def _flight(row: np.ndarray, flight: Flight, found: Residuals, identified: Ident
     time = np.arange(len(tilt)) * STEP
     for axis, word in enumerate(("roll", "pitch")):
         measured = np.where(samples.usable, samples.angles[:, axis] - found.frame[axis], np.nan)
-        row[axis].plot(time, np.rad2deg(samples.command[:, axis]), "0.8", lw=0.8, label="commanded")
+        row[axis].plot(time, np.rad2deg(samples.command[:, axis]), "0.7", lw=0.8, label="commanded")
         row[axis].plot(time, np.rad2deg(measured), "C0", lw=1.0, label="measured")
         row[axis].plot(time, np.rad2deg(tilt[:, axis]), "C1", lw=1.0, label="simulated")
-        row[axis].set(title=f"{samples.name}: {word}", xlabel="s", ylabel="deg")
+        row[axis].set(title=f"{samples.name}: {word}", xlabel="time, s", ylabel=f"{word}, °")
     row[0].legend(fontsize="small")
     row[2].plot(flight.position_at * STEP, found.position / (REACH * STEP) ** 2, ".", ms=2)
-    row[2].set(title="acceleration not explained: x, y, z", xlabel="s", ylabel="m/s^2")
+    row[2].set(title="acceleration not explained: x, y, z", xlabel="time, s", ylabel="m/s²")
 
 
 def _histogram(axes: Axes, identified: Identified, name: str) -> None:

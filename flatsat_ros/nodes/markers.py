@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from flatsat_ros.base.colours import colour_of
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.path import Box
 from flatsat_ros.flight.tick import Tick
@@ -17,11 +18,6 @@ _PERIOD = 0.1  # s
 # m: of a drone, and of the dot that is its reference
 _DRONE, _DOT = (0.12, 0.12, 0.03), (0.03, 0.03, 0.03)
 _TEXT, _ABOVE = 0.08, 0.12  # m, height of names, and how far above the drone they stand
-# Okabe and Ito's colours, as on the pages
-_COLOURS = tuple(
-    tuple(int(code[i : i + 2], 16) / 255.0 for i in (0, 2, 4))
-    for code in ("0072b2", "d55e00", "009e73", "cc79a7", "e69f00", "56b4e9", "8a8a00", "7f7f7f")
-)
 _GREY = (0.5, 0.5, 0.5)
 
 
@@ -65,7 +61,7 @@ class Markers:
 
     def _of(self, index: int, tick: Tick, places: np.ndarray) -> list[Shape]:
         """Return the shapes of one drone."""
-        name, colour = self._robots[index], _COLOURS[index % len(_COLOURS)]
+        name, colour = self._robots[index], _rgb(colour_of(index))
         place = tuple(map(float, places[index]))
         shapes = [
             Shape("drone", index, "cylinder", place, _DRONE, colour, 1.0),
@@ -80,6 +76,12 @@ class Markers:
             wide, high = (2.0 * float(radius) for radius in np.broadcast_to(tube, (len(self._robots), 2))[index])
             shapes.append(Shape("tube", index, "sphere", reference, (wide, wide, high), colour, 0.2))
         return shapes
+
+
+def _rgb(colour: str) -> tuple[float, float, float]:
+    """Return red, green and blue, 0 to 1, of #rrggbb."""
+    red, green, blue = (int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5))
+    return red, green, blue
 
 
 def _edges(corners: np.ndarray) -> list[tuple[float, float, float]]:

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.colours import LIMIT
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.crazyflie.vehicle import load_vehicle
@@ -105,14 +106,12 @@ def draw_gain_laws(runs: GainRuns) -> Figure:
     for leg in range(LEGS):
         for axes in (gain, tilt):
             axes.axvline(_CLIMB + leg * LEG_TIME, color="0.7", linewidth=0.8)
-    gain.axhline(runs.cap, color="0.3", linestyle="--", linewidth=1.0)
+    gain.axhline(runs.cap, **LIMIT)
     gain.set(ylabel=r"$\gamma$", title=f"four set-points, {DISTANCE:g} m apart (dashed: cap of this loop)")
     gain.legend()
-    tilt.set(ylabel="tilt [deg]", xlabel="time [s]")
+    tilt.set(ylabel="tilt, °", xlabel="time, s")
     for column, name in ((0, LAWS[0]), (1, LAWS[2])):
         disturbed.plot(runs.disturbed_time, runs.disturbed_gain[:, column], color=f"C{2 * column}", label=name)
-    disturbed.set(ylabel=r"$\gamma$", xlabel="time [s]", title="a lasting drift of the position, double integrator")
+    disturbed.set(ylabel=r"$\gamma$", xlabel="time, s", title="a lasting drift of the position, double integrator")
     disturbed.legend()
-    for axes in (gain, tilt, disturbed):
-        axes.grid(alpha=0.3)
     return figure

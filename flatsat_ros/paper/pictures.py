@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from flatsat_ros.base.colours import LIMIT, PICTURES, colour_of
 from flatsat_ros.base.files import replacing
 from flatsat_ros.certificate.gain_bounds import continuous_gain_bound
 from flatsat_ros.demo import pictures as demo_pictures
@@ -26,12 +26,12 @@ _OWN = (
 _SWAP = "test2"  # the folder of the flight's own
 FILES = (*_OWN, *(f"{_SWAP}/{name}" for name in demo_pictures.FILES))
 
-_LIMIT: dict[str, Any] = {"color": "0.3", "linestyle": "--", "linewidth": 1.0}
-_INPUTS = (r"$T$ [m/s$^2$]", r"$\phi$ [deg]", r"$\theta$ [deg]")
-_ACCELERATIONS = (r"$v_1$ [m/s$^2$]", r"$v_2$ [m/s$^2$]", r"$v_3$ [m/s$^2$]")
+_INPUTS = ("thrust $T$, m/s²", r"roll $\phi$, °", r"pitch $\theta$, °")
+_ACCELERATIONS = ("$v_1$, m/s²", "$v_2$, m/s²", "$v_3$, m/s²")
 _TEST_1_SHOWN = 12.0  # s
 
 
+@mpl.rc_context(PICTURES)
 def draw(runs: Runs, folder: Path) -> list[Path]:
     """Write `FILES` into a folder; return their paths."""
     study_labels, test_labels = ([rf"$\mu$ = {mu:g}" for mu in ADAPTATION_RATES[first:]] for first in (0, 1))
@@ -61,19 +61,18 @@ def _only(history: History, index: int) -> History:
     return History(history.time, *(column[:, [index]] for column in columns))
 
 
-def _colours(labels: Sequence[str]) -> list[object]:
-    return [mpl.colormaps["viridis"](0.92 * i / max(len(labels) - 1, 1)) for i in range(len(labels))]
+def _colours(labels: Sequence[str]) -> list[str]:
+    return [colour_of(i) for i in range(len(labels))]
 
 
 def _finish(axes: Axes, label: str, last: bool = False) -> None:
     axes.set_ylabel(label)
-    axes.grid(alpha=0.3)
     if last:
-        axes.set_xlabel("time [s]")
+        axes.set_xlabel("time, s")
 
 
 def _threshold(axes: Axes, level: float, name: str) -> None:
-    axes.axhline(level, **_LIMIT)
+    axes.axhline(level, **LIMIT)
     axes.text(0.995, level, name, transform=axes.get_yaxis_transform(), ha="right", va="bottom")
 
 
@@ -117,7 +116,7 @@ def _inputs(
     for row in range(3):
         for bound in bounds[row]:
             if row or bound > 0.0:
-                grid[row, 0].axhline(bound, **_LIMIT)
+                grid[row, 0].axhline(bound, **LIMIT)
         _finish(grid[row, 0], _INPUTS[row], last=row == 2)
         _finish(grid[row, 1], _ACCELERATIONS[row], last=row == 2)
     grid[0, 0].legend(ncols=3, fontsize="small")
@@ -139,9 +138,8 @@ def _study_2_plane(runs: Runs) -> Figure:
         for i in range(history.gain.shape[1]):
             (line,) = axes.plot(history.error[:, i, 0], history.error[:, i, 3], linewidth=1.0)
             axes.plot(history.error[0, i, 0], history.error[0, i, 3], "o", color=line.get_color(), markersize=4)
-        axes.set(title=rf"study 2, $\gamma$ = {gain:g}", xlabel="x [m]", ylim=1.05 * np.array([-1, 1]) * edge[1].max())
-        axes.grid(alpha=0.3)
-    columns[0].set_ylabel(r"$\dot x$ [m/s]")
+        axes.set(title=rf"study 2, $\gamma$ = {gain:g}", xlabel="x, m", ylim=1.05 * np.array([-1, 1]) * edge[1].max())
+    columns[0].set_ylabel(r"$\dot x$, m/s")
     columns[0].legend(loc="upper right")
     return figure
 
@@ -154,7 +152,7 @@ def _test_1_errors(runs: Runs, labels: list[str]) -> Figure:
     for row, (axes, name) in enumerate(zip(rows, "xyz", strict=True)):
         for i, (label, colour) in enumerate(zip(labels, _colours(labels), strict=True)):
             axes.plot(history.time[shown], history.error[shown, i, row], color=colour, linewidth=1.2, label=label)
-        _finish(axes, f"$e_{name}$ [m]", last=row == 2)
+        _finish(axes, f"error $e_{name}$, m", last=row == 2)
     rows[0].legend(ncols=5, fontsize="small")
     rows[0].set_title(f"test 1: set-point errors, {_loop()}")
     return figure
@@ -191,7 +189,6 @@ def _computation_time(runs: Runs) -> Figure:
         mean = 1e3 * float(steps.mean())
         label = f"{count} drone{'s' if count > 1 else ''}: mean {mean:.3f} ms"
         axes.hist(1e3 * steps, bins=np.linspace(0.0, upper, 80).tolist(), alpha=0.6, label=label)
-    axes.set(title="processor time of one step of the controller", xlabel="time [ms]", ylabel="steps")
+    axes.set(title="processor time of one step of the controller", xlabel="time, ms", ylabel="steps")
     axes.legend()
-    axes.grid(alpha=0.3)
     return figure

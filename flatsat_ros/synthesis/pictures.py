@@ -9,7 +9,9 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter
 
+from flatsat_ros.base.colours import LIMIT, PICTURES
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.files import replacing
 from flatsat_ros.certificate.certificate import Certificate
@@ -22,8 +24,10 @@ from flatsat_ros.synthesis.report import paper_sets
 _LAGS = (0.0, 0.05, 0.1, 0.15)  # s
 _PERIODS = np.geomspace(0.005, 0.2, 16)  # s
 _RAYS = 721
+_BESIDE = 4.0  # times as large as the sets
 
 
+@mpl.rc_context(PICTURES)
 def draw(certificate: Certificate, target: Path) -> None:
     """Draw the page.
 
@@ -43,7 +47,7 @@ def draw(certificate: Certificate, target: Path) -> None:
     _starts(axes[1, 0], certificate)
     _caps(axes[1, 1], certificate)
     _contraction(axes[1, 2], certificate)
-    with replacing(target) as file, mpl.rc_context({"svg.hashsalt": "flatsat_ros"}):
+    with replacing(target) as file:
         figure.savefig(file, dpi=120)
 
 
@@ -51,7 +55,7 @@ def _curves(sets: Sets) -> list[tuple[float, str, str]]:
     """Return the scales of D to draw, with label and style."""
     curves = [(1.0, "D", "C0-")]
     if sets.gain_min < 0.999:
-        curves.append((1.0 / sets.gain_min, f"kappa = {sets.gain_min:.3g}", "C0:"))
+        curves.append((1.0 / sets.gain_min, rf"$\kappa$ = {sets.gain_min:.3g}", "C0:"))
     return curves
 
 
@@ -61,7 +65,7 @@ def _input_set(axes: Axes, certificate: Certificate) -> None:
     angle = np.linspace(0.0, 2.0 * math.pi, _RAYS)
     ray = np.stack([np.cos(angle), np.zeros(_RAYS), np.sin(angle)], axis=1)
     edge = ray / limits.gauge(ray)[:, np.newaxis]
-    axes.fill(edge[:, 0], edge[:, 2], color="0.9", label="V_c")
+    axes.fill(edge[:, 0], edge[:, 2], color="0.9", label="$V_c$")
     top = min(limits.gravity - limits.thrust_min, limits.thrust_max - limits.gravity)
     b = np.concatenate([np.linspace(-top, top, _RAYS), np.linspace(top, -top, _RAYS)])
     a = sets.width(np.abs(b)) * np.repeat([1.0, -1.0], _RAYS)
@@ -73,9 +77,8 @@ def _input_set(axes: Axes, certificate: Certificate) -> None:
         "C1-",
         label="image of E",
     )
-    axes.set(xlabel="v_1, m/s^2", ylabel="v_3, m/s^2", title="input set")
-    axes.set_aspect("equal")
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, -0.35), fontsize="small")
+    axes.set(xlabel="$v_1$, m/s²", ylabel="$v_3$, m/s²", title="input set", aspect="equal")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3, fontsize="small")
 
 
 def _slice(axes: Axes, certificate: Certificate, axis: int, name: str) -> None:
@@ -85,7 +88,7 @@ def _slice(axes: Axes, certificate: Certificate, axis: int, name: str) -> None:
     states[:, axis], states[:, axis + 3] = np.cos(angle), np.sin(angle)
     _rays(axes, certificate.sets, states, (axis, axis + 3))
     hover = "" if certificate.loop is None else ", from hover"
-    axes.set(xlabel=f"{name}, m", ylabel=f"d{name}/dt, m/s", title=f"sets along {name}{hover}")
+    axes.set(xlabel=f"{name}, m", ylabel=rf"$\dot {name}$, m/s", title=f"sets along {name}{hover}")
     axes.legend(loc="upper right", fontsize="small")
 
 
@@ -99,14 +102,15 @@ def _starts(axes: Axes, certificate: Certificate) -> None:
 
 
 def _rays(axes: Axes, sets: Sets, states: np.ndarray, shown: tuple[int, int]) -> None:
-    """Draw where rays leave the sets, and the paper's ellipsoid."""
+    """Draw where rays leave the sets, and the paper's ellipsoid unless these would be too small to see beside it."""
     for scale, label, style in _curves(sets):
         edge = states * (scale / sets.scale_larger(states))[:, np.newaxis]
         axes.plot(edge[:, shown[0]], edge[:, shown[1]], style, label=label)
-    for which, label, style in ((sets, "E", "C1-"), (paper_sets(), "E, paper's Table I", "0.6")):
-        edge = states / which.scale_ellipsoid(states)[:, np.newaxis]
-        axes.plot(edge[:, shown[0]], edge[:, shown[1]], style, label=label)
-    axes.grid(alpha=0.3)
+    axes.locator_params(axis="x", nbins=6)
+    own, printed = (states / which.scale_ellipsoid(states)[:, np.newaxis] for which in (sets, paper_sets()))
+    axes.plot(own[:, shown[0]], own[:, shown[1]], "C1-", label="E")
+    if np.abs(printed).max() < _BESIDE * np.abs(own).max():
+        axes.plot(printed[:, shown[0]], printed[:, shown[1]], "C7--", label="E, paper's Table I")
 
 
 def _caps(axes: Axes, certificate: Certificate) -> None:
@@ -127,7 +131,10 @@ def _caps(axes: Axes, certificate: Certificate) -> None:
         axes.loglog(_PERIODS, caps, label=label)
     axes.plot(certificate.period, certificate.gain_max, "ko", label="this certificate")
     title = f"largest provable gain, delay {1e3 * certificate.delay:.3g} ms"
-    axes.set(xlabel="period h, s", ylabel="gamma_max", title=title)
+    axes.set(xlabel="period h, s", ylabel=r"$\gamma_{max}$", title=title)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(LogFormatter(minor_thresholds=(1.5, 0.5)))
     axes.grid(alpha=0.3, which="both")
     axes.legend(fontsize="small")
 
@@ -139,13 +146,12 @@ def _contraction(axes: Axes, certificate: Certificate) -> None:
     styles = zip(certificate.blocks, certificate.loops, ("x, y", "z"), ("C0-", "C2--"), strict=True)
     for block, loop, name, style in styles:
         left = [timing.contraction(loop, block, float(gain)) for gain in gains]
-        axes.semilogx(gains, left, style, label=f"at the end of a period, {name}")
+        axes.plot(gains, left, style, label=f"at the end of a period, {name}")
         if timing.immediate:
             left = [1.0 + hold_growth(block, timing.period, float(gain)) for gain in gains]
-            axes.semilogx(gains, left, style, alpha=0.4, label=f"bound within a period, {name}")
-    axes.axhline(1.0, color="k", linewidth=0.8)
-    axes.axvspan(low, high, color="C1", alpha=0.15, label="certified gains")
+            axes.plot(gains, left, style, alpha=0.4, label=f"bound within a period, {name}")
+    axes.axhline(1.0, **LIMIT)
+    axes.axvspan(low, high, color="C4", alpha=0.2, label="certified gains")
     axes.set(xlabel="applied gain k", ylabel="share of V" if timing.immediate else "share of W", title="contraction")
     axes.set_ylim(min(axes.get_ylim()[0], 0.9), 1.2)
-    axes.grid(alpha=0.3)
     axes.legend(fontsize="small")

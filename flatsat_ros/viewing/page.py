@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from flatsat_ros.base.colours import COLOURS
 from flatsat_ros.viewing.figures import figures_of
 from flatsat_ros.viewing.flight import Flight
 
@@ -58,7 +59,8 @@ def _style(*names: str) -> str:
 
 
 def _script(names: Sequence[str]) -> str:
-    return "\n".join([_read(VENDOR / "vendor.js"), *(_read(PAGE / name) for name in names)])
+    colours = f"const COLOURS = {json.dumps(COLOURS)};"
+    return "\n".join([_read(VENDOR / "vendor.js"), colours, *(_read(PAGE / name) for name in names)])
 
 
 def encode(flight: Flight) -> bytes:

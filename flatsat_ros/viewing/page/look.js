@@ -1,7 +1,5 @@
 // Colours, names of the flight modes, and how numbers are written.
 
-// Okabe and Ito's colours, which colour-blind people can tell apart; further drones get them again, with dashes
-const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a8a00", "#7f7f7f"];
 const MODES = ["IDLE", "UNLOCK", "FLY", "LEVEL", "CUT", "REST", "DESCEND", "FALLEN"];
 // white text on them can be read
 const MODE_COLOURS = ["#66717c", "#1f6fb2", "#007a59", "#8f6200", "#4a1c2a", "#4f7a6b", "#b84c00", "#a4003b"];
@@ -13,6 +11,7 @@ const ASSUMPTIONS = [
   "late or early to follow",
 ];
 
+/** Of COLOURS, which the page begins with; further drones get them again, with dashes. */
 function colourOf(index) {
   return COLOURS[index % COLOURS.length];
 }
