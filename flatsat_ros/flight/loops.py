@@ -7,7 +7,8 @@ reference's acceleration less the disturbance. `PredictedLoop` is that of a flig
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from abc import ABC, abstractmethod
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,9 +50,24 @@ class Aim(NamedTuple):
     disturbance: FloatArray
 
 
-class Loop(Protocol):
+class Steered(NamedTuple):
+    """Which drones are steered at a tick.
+
+    Attributes:
+        flying: (N,) who is steered.
+        level: (N,) who is in the air without being steered.
+        grounded: (N,) who is steered and has not left the ground yet.
+    """
+
+    flying: np.ndarray
+    level: np.ndarray
+    grounded: np.ndarray
+
+
+class Loop(ABC):
     """What the pilot knows of a loop."""
 
+    @abstractmethod
     def estimate(self, now: float, thorough: bool) -> FloatArray:
         """Return position, velocity and disturbance of the drones at a tick, (N, 9): m, m/s, m/s^2.
 
@@ -60,26 +76,18 @@ class Loop(Protocol):
             thorough: they are for detectors that judge by them.
         """
 
-    def aim(
-        self,
-        now: float,
-        estimated: FloatArray,
-        reference: FloatArray,
-        flying: np.ndarray,
-        level: np.ndarray,
-        grounded: np.ndarray,
-    ) -> Aim:
+    @abstractmethod
+    def aim(self, now: float, estimated: FloatArray, reference: FloatArray, drones: Steered) -> Aim:
         """Return what the law acts on at a tick.
 
         Args:
             now: s.
             estimated: (N, 9) position, velocity, disturbance: m, m/s, m/s^2.
             reference: (N, 9) position, velocity, acceleration.
-            flying: (N,) who is steered.
-            level: (N,) who is in the air without being steered.
-            grounded: (N,) who is steered and has not left the ground yet.
+            drones: who is steered.
         """
 
+    @abstractmethod
     def assess(self, output: Output, acceleration: FloatArray, flying: np.ndarray) -> Assessment:
         """Return where the drones are, and note what they are commanded.
 
@@ -90,16 +98,19 @@ class Loop(Protocol):
         """
 
     def astray(self) -> list[int]:
-        """Return who is where it cannot be if nothing is broken."""
+        """Return who is where it cannot be if nothing is broken; nobody where no tube is known."""
+        return []
 
     def unclaimed(self, index: int) -> str:
         """Return why the tube is not claimed of drone index; empty if it is, or none is known."""
+        return ""
 
     def reports(self, flying: np.ndarray) -> list[tuple[int, str]]:
         """Return what is to be told of the drones in flight, drone and text, once per event."""
+        return []
 
 
-class DirectLoop:
+class DirectLoop(Loop):
     """The law acts on the estimate."""
 
     def __init__(self, certificate: Certificate, policy: Policy, references: References, estimator: Estimator) -> None:
@@ -113,19 +124,11 @@ class DirectLoop:
         """Return the estimates."""
         return self._estimator.estimate(now)
 
-    def aim(
-        self,
-        now: float,
-        estimated: FloatArray,
-        reference: FloatArray,
-        flying: np.ndarray,
-        level: np.ndarray,
-        grounded: np.ndarray,
-    ) -> Aim:
+    def aim(self, now: float, estimated: FloatArray, reference: FloatArray, drones: Steered) -> Aim:
         """Return estimate and reference."""
         state = estimated[:, :6]
         most = np.minimum(self._most, _COMPENSATED_SHARE * self._references.margin)
-        disturbance, self._spent = _shortened(estimated[:, 6:], most, flying)
+        disturbance, self._spent = _shortened(estimated[:, 6:], most, drones.flying)
         base = self._base = reference.copy()
         base[:, 6:] -= disturbance
         return Aim(state, base, None, disturbance)
@@ -142,20 +145,8 @@ class DirectLoop:
         self._monitor.follow(acceleration - base)
         return assessment
 
-    def astray(self) -> list[int]:
-        """Return nobody: no tube is known."""
-        return []
 
-    def unclaimed(self, index: int) -> str:
-        """Return nothing."""
-        return ""
-
-    def reports(self, flying: np.ndarray) -> list[tuple[int, str]]:
-        """Return nothing."""
-        return []
-
-
-class PredictedLoop:
+class PredictedLoop(Loop):
     """The law acts on the state in which a command finds the drone, and leads along the reference."""
 
     def __init__(
@@ -186,17 +177,9 @@ class PredictedLoop:
             return self._predictor.estimated
         return estimator.estimate(now)
 
-    def aim(
-        self,
-        now: float,
-        estimated: FloatArray,
-        reference: FloatArray,
-        flying: np.ndarray,
-        level: np.ndarray,
-        grounded: np.ndarray,
-    ) -> Aim:
+    def aim(self, now: float, estimated: FloatArray, reference: FloatArray, drones: Steered) -> Aim:
         """Predict from the model; where a drone is not in the air, or not where the model is, that begins anew."""
-        predictor = self._predictor
+        predictor, flying, level = self._predictor, drones.flying, drones.level
         self._steady = np.count_nonzero(flying) == flying.size
         if np.count_nonzero(self._monitors.lost) or not self._steady:
             predictor.restart(~(flying | level) | self._monitors.lost, estimated, now)
@@ -204,7 +187,7 @@ class PredictedLoop:
         state, push = predictor.state, predictor.disturbance
         most: float | FloatArray = self._most
         met = state + predictor.ahead(reference, self._references.jerk(now) if self._second else None)
-        if self._is_doubted(now, flying, level, grounded):
+        if self._is_doubted(now, drones):
             doubts = self._doubts
             plain = self._estimator.estimate(now)
             met = np.where(doubts[:, _OF_STATE], plain[:, :6], met)
@@ -221,13 +204,14 @@ class PredictedLoop:
             base[:, 6:] = self._limits.saturate(base[:, 6:])
         return Aim(met, base, self._error, disturbance)
 
-    def _is_doubted(self, now: float, flying: np.ndarray, level: np.ndarray, grounded: np.ndarray) -> bool:
+    def _is_doubted(self, now: float, drones: Steered) -> bool:
         """Find whose loop is not the proved one; tell whether there are any."""
         doubt, monitors = self._doubt, self._monitors
         if not monitors.quiet:
-            if np.count_nonzero(grounded):
-                doubt.wait(now, grounded)
-            doubt.look(now, (flying | level) & ~grounded, self._predictor.age, _sizes(self._predictor.innovation))
+            if np.count_nonzero(drones.grounded):
+                doubt.wait(now, drones.grounded)
+            airborne = (drones.flying | drones.level) & ~drones.grounded
+            doubt.look(now, airborne, self._predictor.age, _sizes(self._predictor.innovation))
         if doubt.any:
             self._doubts = doubt.of(now)
         return doubt.any

@@ -9,6 +9,7 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.flight.loops import Steered
 from flatsat_ros.flight.modes import AIRBORNE, Mode, Transition
 from flatsat_ros.flight.parts import Parts
 from flatsat_ros.flight.policy import GoalMode, Policy
@@ -97,7 +98,7 @@ class ControlStep:
                 guidance.land(index, now)
                 self.reports.append(Report(index, f"{text}: it brakes and lands"))
         level = (mode == _LEVEL) | (mode == _DESCEND)
-        aim = parts.loop.aim(now, estimated, reference, flying, level, senses.grounded)
+        aim = parts.loop.aim(now, estimated, reference, Steered(flying, level, senses.grounded))
         hurried = senses.thrust.hurried
         adapting = flying if hurried is None else flying & ~hurried
         output = parts.steering.step(aim.state, estimator.yaw, aim.base, flying, adapting)

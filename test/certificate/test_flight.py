@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from small_flight import BACK, NONE, certificate_of, flight_of
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
@@ -20,24 +21,8 @@ from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_return import Return
 from flatsat_ros.certificate.flight_tube import Assumptions, Tube
-from flatsat_ros.law.input_set import InputSet
-from flatsat_ros.synthesis.flight_design import ideal_block
 
 ASSUMPTIONS = Assumptions(disturbance_rate=0.35, noise=5e-4, acceleration=0.0, jerk=0.58, snap=0.66, pose_age=0.004)
-LIMITS = InputSet(14.2, 0.262, 9.81)
-NONE, BACK = Tube(1.0, 1.0, 1.0, 1.0), Return(0.5, 1.0, 1.0, 1.0, 1.0)
-
-
-def flight_of(horizontal: Axis, vertical: Axis) -> Flight:
-    """A section whose claims are what is proved, a little enlarged."""
-    proved = []
-    for axis in (horizontal, vertical):
-        tube = axis.proved(1.0, 1.5, ASSUMPTIONS)
-        back = asdict(axis.returned(1.0, 1.5, ASSUMPTIONS.pose_age))
-        back = {f: v * (1.001 if f != "rate" else 1.0) for f, v in back.items()}
-        larger = Tube(**{f: 1.001 * v for f, v in asdict(tube).items()})
-        proved.append(replace(axis, tube=larger, back=Return(**back)))
-    return Flight(1.0, 1.5, 2.2, 0.3, ASSUMPTIONS, *proved)
 
 
 @pytest.fixture(scope="module")
@@ -46,24 +31,7 @@ def certificate() -> Certificate:
     sides = Axis(Box(Plant(0.029, 0.138), Plant(0.031, 0.142)), False, design, ("lag", "", ""), NONE, BACK)
     softer = replace(design, stiffness=25.0, rate=16.0)
     upright = Axis(Box(Plant(0.03, 0.135), Plant(0.03, 0.14)), True, softer, ("",), NONE, BACK)
-    rates, blocks = zip(
-        *(ideal_block(axis.design.stiffness, axis.design.rate) for axis in (sides, upright)), strict=True
-    )
-    ball = LIMITS.inner_radius**2 * 0.999
-    return Certificate(
-        name="small",
-        limits=LIMITS,
-        rate=min(rates),
-        block=blocks[0],
-        ball=ball,
-        level=0.999 * ball / 18.0,
-        period=0.02,
-        gain_min=1.0,
-        gain_max=1.4,
-        block_vertical=blocks[1],
-        provenance={"by": "a test"},
-        flight=flight_of(sides, upright),
-    )
+    return certificate_of(flight_of(sides, upright, ASSUMPTIONS, 1.5, 2.2, 0.3), 1.4, {"by": "a test"})
 
 
 @pytest.fixture(scope="module")

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from small_flight import BACK, NONE, certificate_of, flight_of
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
@@ -17,8 +18,7 @@ from flatsat_ros.certificate.flight import Axis, Flight
 from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_loop import FlightLoop
 from flatsat_ros.certificate.flight_plant import Design, Plant
-from flatsat_ros.certificate.flight_return import Return
-from flatsat_ros.certificate.flight_tube import Assumptions, Tube
+from flatsat_ros.certificate.flight_tube import Assumptions
 from flatsat_ros.cli.falsify import main
 from flatsat_ros.falsification import flight as attacks
 from flatsat_ros.falsification.exact_drones import ExactDrones, draw_plants
@@ -29,13 +29,10 @@ from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import GoalMode, Policy
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
-from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis.flight_design import ideal_block
 
 PERIOD, GAIN_MAX = 0.02, 1.05
 ASSUMPTIONS = Assumptions(disturbance_rate=0.35, noise=5e-4, acceleration=0.0, jerk=0.58, snap=0.66)
-LIMITS = InputSet(14.2, 0.262, 9.81)
-NONE, BACK = Tube(1.0, 1.0, 1.0, 1.0), Return(0.5, 1.0, 1.0, 1.0, 1.0)
 
 
 def small() -> Certificate:
@@ -43,26 +40,7 @@ def small() -> Certificate:
     design = Design.predicting(PERIOD, Plant(0.03, 0.14), (0.357, 3.93, 14.2), 30.0, 18.0)
     sides = Axis(Box(Plant(0.0298, 0.139), Plant(0.0302, 0.141)), False, design, ("",), NONE, BACK)
     upright = replace(sides, design=replace(design, stiffness=25.0, rate=16.0))
-    proved = []
-    for axis in (sides, upright):
-        tube, back = axis.proved(1.0, GAIN_MAX, ASSUMPTIONS), axis.returned(1.0, GAIN_MAX, 0.0)
-        back = replace(back, **{f: 1.001 * v for f, v in asdict(back).items() if f != "rate"})
-        proved.append(replace(axis, tube=Tube(**{f: 1.001 * v for f, v in asdict(tube).items()}), back=back))
-    rates, blocks = zip(*(ideal_block(axis.design.stiffness, axis.design.rate) for axis in proved), strict=True)
-    ball = LIMITS.inner_radius**2 * 0.999
-    return Certificate(
-        name="small",
-        limits=LIMITS,
-        rate=min(rates),
-        block=blocks[0],
-        ball=ball,
-        level=0.999 * ball / 18.0,
-        period=PERIOD,
-        gain_min=1.0,
-        gain_max=GAIN_MAX,
-        block_vertical=blocks[1],
-        flight=Flight(1.0, GAIN_MAX, 2.2, 0.45, ASSUMPTIONS, *proved),
-    )
+    return certificate_of(flight_of(sides, upright, ASSUMPTIONS, GAIN_MAX, 2.2, 0.45), GAIN_MAX)
 
 
 @pytest.fixture(scope="module", autouse=True)
