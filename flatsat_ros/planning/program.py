@@ -19,7 +19,7 @@ import clarabel
 import numpy as np
 from scipy import sparse
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import FloatArray, IntArray
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.plans.bounds import Bounds
 from flatsat_ros.plans.curve import DEGREE, ORDER, bezier_weights, local_knots
@@ -30,8 +30,11 @@ _SHARE = 1.0 - 1e-3
 
 _STEP = 1e-6  # relative, of a leg, for derivatives
 
+ORDERS = 5  # position to snap
 UNKNOWNS = 4  # T^4, s, u, t
 FOURTH, SQUARE, CUBE, FIRST = range(-UNKNOWNS, 0)
+
+_FIRST_SPAN = np.zeros(1, dtype=np.int64)
 
 Affine = tuple[sparse.csr_matrix, FloatArray]  # of all unknowns: matrix (K, n) and constant (K,)
 
@@ -92,22 +95,26 @@ class Program:
         return np.asarray(solution.x)
 
 
-def bezier_matrix(knots: FloatArray, order: int) -> sparse.csr_matrix:
-    """Return the matrix (M (6 - order), M + 5) from control points to Bezier points of a derivative, span by span.
+def bezier_matrices(knots: FloatArray) -> list[sparse.csr_matrix]:
+    """Return the matrices from control points (M + 5) to Bezier points of position to snap, span by span.
 
     Args:
         knots: (M + 1,) s.
-        order: 0 position, 1 velocity, ... 4 snap.
+
+    Returns:
+        Of the k-th derivative (M (6 - k), M + 5).
     """
     count = len(knots) - 1
     weights = bezier_weights(local_knots(knots), knots[:-1], knots[1:])
-    for degree in range(DEGREE, DEGREE - order, -1):
-        weights = degree * np.diff(weights, axis=1) / np.diff(knots)[:, np.newaxis, np.newaxis]
-    rows = np.repeat(np.arange(count * (ORDER - order)), ORDER)
-    columns = (
-        np.arange(count)[:, np.newaxis, np.newaxis] + np.zeros((1, ORDER - order, 1), int) + np.arange(ORDER)
-    ).ravel()
-    return sparse.csr_matrix((weights.ravel(), (rows, columns)), shape=(count * (ORDER - order), count + DEGREE))
+    found = []
+    for order in range(ORDERS):
+        if order > 0:
+            weights = (ORDER - order) * np.diff(weights, axis=1) / np.diff(knots)[:, np.newaxis, np.newaxis]
+        rows = np.repeat(np.arange(count * (ORDER - order)), ORDER)
+        columns = np.arange(count)[:, np.newaxis, np.newaxis] + np.zeros((1, ORDER - order, 1), int) + np.arange(ORDER)
+        shape = (count * (ORDER - order), count + DEGREE)
+        found.append(sparse.csr_matrix((weights.ravel(), (rows, columns.ravel())), shape=shape))
+    return found
 
 
 class Derivatives:
@@ -116,12 +123,14 @@ class Derivatives:
     Attributes:
         count: control points n; the unknowns are their x, their y, their z, then T^4, s, u, t.
         size: number of unknowns.
+        spans: M.
     """
 
     def __init__(self, knots: FloatArray) -> None:
         self.count = len(knots) - 1 + DEGREE
         self.size = 3 * self.count + UNKNOWNS
-        self._matrices = [bezier_matrix(knots, order) for order in range(5)]
+        self.spans = len(knots) - 1
+        self._matrices = bezier_matrices(knots)
 
     def axes(self, order: int) -> list[Affine]:
         """Return x, y and z of the Bezier points of a derivative at T = 1."""
@@ -129,16 +138,25 @@ class Derivatives:
         zeros = np.zeros(matrix.shape[0])
         return [(_placed(matrix, axis * self.count, self.size), zeros) for axis in range(3)]
 
-    def power(self, exponent: int, factor: float, rows: int = 1, constant: float = 0.0) -> Affine:
-        """Return factor times a power of T, from 1 to 4, or less, plus a constant, in so many rows."""
+    def distinct(self, order: int) -> IntArray:
+        """Return the numbers of the Bezier points of a derivative without the last of a span that is the next's first.
+
+        Derivatives up to the snap are continuous.
+        """
+        each = ORDER - order
+        rows = np.arange(self.spans * each)
+        return np.flatnonzero((rows % each < each - 1) | (rows == rows[-1]))
+
+    def power(self, exponent: int, factor: float, spans: IntArray = _FIRST_SPAN, constant: float = 0.0) -> Affine:
+        """Return factor times a power of T, from 1 to 4, or less, plus a constant, in a row for each of some spans."""
+        rows = len(spans)
         column = sparse.csr_matrix(np.full((rows, 1), factor))
-        return _placed(column, self.size + (FIRST, SQUARE, CUBE, FOURTH)[exponent - 1], self.size), np.full(
-            rows, constant
-        )
+        place = self.size + (FIRST, SQUARE, CUBE, FOURTH)[exponent - 1]
+        return _placed(column, place, self.size), np.full(rows, constant)
 
     def couple(self, program: Program) -> None:
         """Ask that s^2 <= T^4, u^2 <= T^4 s and t^2 <= s."""
-        fourth, square, unit = self.power(4, 1.0), self.power(2, 1.0), self.power(4, 0.0, 1, 1.0)
+        fourth, square, unit = self.power(4, 1.0), self.power(2, 1.0), self.power(4, 0.0, constant=1.0)
         for exponent, a, b in ((2, fourth, unit), (3, fourth, square), (1, square, unit)):
             program.bound_norms(plus(a, b), plus(a, times(-1.0, b)), self.power(exponent, 2.0))
 
@@ -150,7 +168,9 @@ class Derivatives:
 class Retimed(Derivatives):
     """The same, linear in control points and in the durations of the legs, near given ones; T is 1.
 
-    The unknowns are the control points' x, y, z, then the legs.
+    The unknowns are the control points' x, y, z, then the legs. Both sides of a limit of a k-th derivative are
+    multiplied by (h / h0)^k of its leg: what is on the left depends little on the legs then, and what is on the right
+    is at least its linear part, so that steps break limits by little.
     """
 
     def __init__(self, points: FloatArray, legs: FloatArray, spans: int) -> None:
@@ -163,17 +183,19 @@ class Retimed(Derivatives):
         """
         super().__init__(_knots(legs, spans))
         self.size = 3 * self.count + len(legs)
-        self._legs = legs
+        self._legs, self._each = legs, spans
         self._slopes = [np.zeros((matrix.shape[0], 3, len(legs))) for matrix in self._matrices]
         for leg, duration in enumerate(legs):
             step = np.zeros(len(legs))
             step[leg] = _STEP * duration
-            for order, matrix in enumerate(self._matrices):
-                moved = bezier_matrix(_knots(legs + step, spans), order)
-                self._slopes[order][:, :, leg] = (moved - matrix) @ points / step[leg]
+            moved = bezier_matrices(_knots(legs + step, spans))
+            for order, (before, after) in enumerate(zip(self._matrices, moved, strict=True)):
+                own = slice(leg * spans * (ORDER - order), (leg + 1) * spans * (ORDER - order))
+                self._slopes[order][:, :, leg] = (after - before) @ points / step[leg]
+                self._slopes[order][own, :, leg] += order * (before[own] @ points) / duration
 
     def axes(self, order: int) -> list[Affine]:
-        """Return x, y and z of the Bezier points of a derivative."""
+        """Return x, y and z of the Bezier points of a derivative, times (h / h0)^order."""
         found = []
         for axis, (matrix, constant) in enumerate(super().axes(order)):
             slopes = self._slopes[order][:, axis]
@@ -182,9 +204,12 @@ class Retimed(Derivatives):
             found.append((matrix + moved, constant - slopes @ self._legs))
         return found
 
-    def power(self, exponent: int, factor: float, rows: int = 1, constant: float = 0.0) -> Affine:
-        """Return factor, plus a constant, in so many rows."""
-        return sparse.csr_matrix((rows, self.size)), np.full(rows, factor + constant)
+    def power(self, exponent: int, factor: float, spans: IntArray = _FIRST_SPAN, constant: float = 0.0) -> Affine:
+        """Return factor times (h / h0)^exponent, or less, plus a constant, in a row for each of some spans."""
+        rows, own = len(spans), spans // self._each
+        slopes = exponent * factor / self._legs[own]
+        column = sparse.csr_matrix((slopes, (np.arange(rows), 3 * self.count + own)), shape=(rows, self.size))
+        return column, np.full(rows, (1.0 - exponent) * factor + constant)
 
     def couple(self, program: Program) -> None:
         """Ask for nothing: T is 1."""
@@ -195,25 +220,36 @@ class Retimed(Derivatives):
 
 
 def keep_limits(program: Program, reference: Derivatives, limits: InputSet, bounds: Bounds) -> None:
-    """Ask a program for all limits of one reference, up to a reserve for rounding."""
+    """Ask a program for all limits of one reference, up to a reserve for rounding.
+
+    What a bound of accelerations implies is not asked for again, nor is a point twice: that halves the time.
+    """
     reference.couple(program)
     power = reference.power
-    x, y, z = reference.axes(2)
-    rows = len(x[1])
-    margin = bounds.margin + _RESERVE
+
+    def points(order: int) -> tuple[list[Affine], IntArray]:
+        rows = reference.distinct(order)
+        return [(matrix[rows], constant[rows]) for matrix, constant in reference.axes(order)], rows // (ORDER - order)
+
+    (x, y, z), spans = points(2)
+    margin, gravity = bounds.margin + _RESERVE, limits.gravity
+    most = math.inf if bounds.acceleration_max is None else _SHARE * bounds.acceleration_max
     sine, cosine = math.sin(limits.tilt_max), math.cos(limits.tilt_max)
-    tilt = plus(times(sine, z), power(2, limits.gravity * sine - margin, rows))
-    program.bound_norms(tilt, times(cosine, x), times(cosine, y))
-    lifted = plus(z, power(2, limits.gravity, rows))
-    program.bound_norms(power(2, limits.thrust_max - margin, rows), x, y, lifted)
-    program.be_positive(plus(z, power(2, limits.gravity - limits.thrust_min - margin, rows)))
+    if most > gravity * sine - margin:
+        tilt = plus(times(sine, z), power(2, gravity * sine - margin, spans))
+        program.bound_norms(tilt, times(cosine, x), times(cosine, y))
+    if most > limits.thrust_max - margin - gravity:
+        lifted = plus(z, power(2, gravity, spans))
+        program.bound_norms(power(2, limits.thrust_max - margin, spans), x, y, lifted)
+    if most > gravity - limits.thrust_min - margin:
+        program.be_positive(plus(z, power(2, gravity - limits.thrust_min - margin, spans)))
     for order, bound in (
         (1, bounds.speed_max), (2, bounds.acceleration_max), (3, bounds.jerk_max), (4, bounds.snap_max),
     ):  # fmt: skip
         if bound is not None:
-            axes = reference.axes(order)
-            program.bound_norms(power(order, _SHARE * bound, len(axes[0][1])), *axes)
-    for axis, low, high in zip(reference.axes(0), bounds.lower, bounds.upper, strict=True):
+            axes, spans = points(order)
+            program.bound_norms(power(order, _SHARE * bound, spans), *axes)
+    for axis, low, high in zip(points(0)[0], bounds.lower, bounds.upper, strict=True):
         program.be_positive((axis[0], axis[1] - low))
         program.be_positive((-axis[0], high - axis[1]))
 

@@ -16,7 +16,7 @@ from flatsat_ros.plans.curve import AT_REST, ORDER
 _SPANS, _LEG = 24, 3  # of a reference; of each leg at least
 
 _STEPS = 30  # of the search for the times of way-points
-_ENOUGH = 2e-4  # of the duration: less is not worth another step
+_ENOUGH = 5e-4  # of the duration: where less can be hoped for, the search ends
 _SMALLEST = 1e-3  # of the radius in which the limits are trusted to be linear in the legs
 
 
@@ -51,7 +51,7 @@ def smoothest(shapes: Shapes, drone: Asked, duration: float, limits: InputSet, b
     program = Program(derivatives.size)
     keep_limits(program, derivatives, limits, bounds)
     _pass(program, derivatives, shapes, drone)
-    program.vanish(derivatives.power(4, 1.0, 1, -1.0))
+    program.vanish(derivatives.power(4, 1.0, constant=-1.0))
     form = shapes.jerk / np.abs(shapes.jerk).max()
     quadratic = sparse.triu(sparse.block_diag([form] * 3 + [sparse.csc_matrix((UNKNOWNS, UNKNOWNS))]), format="csc")
     solution = program.minimised(np.zeros(derivatives.size), quadratic)
@@ -78,18 +78,18 @@ def shortest_legs(drone: Asked, limits: InputSet, bounds: Bounds) -> tuple[Float
     radius = 0.25
     for _ in range(_STEPS):
         step = _linear_step(legs, points, drone, radius, limits, bounds)
+        hoped = 0.0 if step is None else best - float(step.sum())
+        if step is not None and hoped < _ENOUGH * best:
+            break
         tried = None if step is None else _solved(step, drone, limits, bounds)
         if step is None or tried is None or tried[1] >= best:
             radius /= 3.0
-        else:
-            gain, hoped = best - tried[1], best - float(step.sum())
-            points, legs = tried[0], step * (tried[1] / step.sum())
-            radius = min(0.5, radius * (2.0 if gain > 0.7 * hoped else 0.5 if gain < 0.3 * hoped else 1.0))
-            best = tried[1]
-            if gain < _ENOUGH * best:
+            if radius < _SMALLEST:
                 break
-        if radius < _SMALLEST:
-            break
+        else:
+            gain, best = best - tried[1], tried[1]
+            points, legs = tried[0], step * (best / step.sum())
+            radius = min(0.5, radius * (2.0 if gain > 0.7 * hoped else 0.5 if gain < 0.3 * hoped else 1.0))
     return legs, best
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import eigh, null_space
 
 from flatsat_ros.base.arrays import FloatArray, IntArray
-from flatsat_ros.planning.program import bezier_matrix
+from flatsat_ros.planning.program import bezier_matrices
 from flatsat_ros.plans.curve import AT_REST, DEGREE, ORDER
 
 # integrals over [0, 1] of products of the Bernstein polynomials of degree 2
@@ -46,7 +46,7 @@ class Shapes:
     @cached_property
     def bezier(self) -> list[FloatArray]:
         """Matrices from control points to the Bezier points of position to snap, for a duration of 1."""
-        return [bezier_matrix(self.knots, order).toarray() for order in range(5)]
+        return [matrix.toarray() for matrix in bezier_matrices(self.knots)]
 
     @cached_property
     def jerk(self) -> FloatArray:

@@ -20,7 +20,8 @@ from flatsat_ros.base.strict_yaml import read_yaml
 from flatsat_ros.certificate.certificate import Certificate, load_certificate
 from flatsat_ros.planning import Asked, Mission, Round, Wishes, plan, read_mission, rounds
 from flatsat_ros.planning.descent import descend
-from flatsat_ros.planning.reference import shapes_of, shortest, smoothest
+from flatsat_ros.planning.program import ORDERS, Derivatives, Retimed, bezier_matrices
+from flatsat_ros.planning.reference import _linear_step, shapes_of, shortest, shortest_legs, smoothest
 from flatsat_ros.planning.search import Search, Swarm
 from flatsat_ros.planning.shapes import Shapes
 from flatsat_ros.planning.trade import trade
@@ -105,6 +106,53 @@ def test_legs_are_timed_better_than_in_proportions_near_by(alone: Plan) -> None:
         other = shortest(shapes_of(legs * factors), Asked("cf1", WAY), LIMITS, BOUNDS)
         assert other is not None
         assert other[1] > 0.999 * alone.duration
+
+
+@settings(max_examples=10)
+@given(seed=st.integers(0, 10**6))
+def test_limits_are_linearised_in_legs_and_control_points_to_first_order(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    spans, legs = 3, random.uniform(0.5, 2.0, 4)
+    points = random.normal(size=(4 * spans + 5, 3))
+    moved, longer = 1e-5 * random.normal(size=points.shape), 1e-5 * random.normal(size=4)
+    retimed = Retimed(points, legs, spans)
+    unknowns = np.concatenate([(points + moved).T.ravel(), legs + longer])
+    knots = np.concatenate([[0.0], np.cumsum(np.repeat((legs + longer) / spans, spans))])
+    for order, matrix in enumerate(bezier_matrices(knots)):
+        own = np.arange(matrix.shape[0]) // (spans * (6 - order))
+        exact = ((1.0 + longer / legs)[own] ** order)[:, np.newaxis] * (matrix @ (points + moved))
+        linear = np.stack([rows @ unknowns + constant for rows, constant in retimed.axes(order)], axis=1)
+        assert linear == pytest.approx(exact, abs=1e-6 * np.abs(exact).max())
+        if order > 0:
+            rows, constant = retimed.power(order, 2.0, np.arange(4 * spans))
+            assert rows @ unknowns + constant == pytest.approx(np.repeat(2.0 * (1.0 + longer / legs) ** order, spans))
+
+
+def test_no_bezier_point_is_left_out_that_is_not_another_spans() -> None:
+    random = np.random.default_rng(0)
+    derivatives = Derivatives(np.concatenate([[0.0], np.cumsum(random.uniform(0.5, 1.5, 7))]))
+    points = random.normal(size=derivatives.count)
+    for order in range(ORDERS):
+        values = derivatives._matrices[order] @ points
+        kept = values[derivatives.distinct(order)]
+        assert len(kept) == 7 * (5 - order) + 1
+        assert np.abs(values[:, np.newaxis] - kept).min(axis=1).max() < 1e-9 * np.abs(values).max()
+
+
+def test_what_a_step_of_the_legs_hopes_for_is_about_what_it_gains() -> None:
+    way = np.random.default_rng(4).uniform(-1.5, 1.5, (12, 3)) + np.array([0.0, 0.0, 1.5])
+    bounds = replace(BOUNDS, upper=np.array([3.0, 3.0, 4.0]))
+    drone, legs = Asked("cf1", way), np.sqrt(np.linalg.norm(np.diff(way, axis=0), axis=1) + 0.1)
+    first = shortest(shapes_of(legs), drone, LIMITS, bounds)
+    assert first is not None
+    points, duration = first
+    step = _linear_step(legs * (duration / legs.sum()), points, drone, 0.25, LIMITS, bounds)
+    assert step is not None
+    second, best = shortest(shapes_of(step), drone, LIMITS, bounds), shortest_legs(drone, LIMITS, bounds)
+    assert second is not None
+    assert best is not None
+    assert duration - second[1] > 0.8 * (duration - step.sum()) > 0.05 * duration
+    assert best[1] <= second[1]
 
 
 def test_given_times_are_kept_or_refused_with_what_would_do(alone: Plan) -> None:
