@@ -24,6 +24,7 @@ VENDOR = PAGE / "vendor"
 _COMMON = ("flight.js", "look.js", "scene.js", "plots.js", "timeline.js")
 RECORDED = (*_COMMON, "tables.js", "report.js")
 LIVE = (*_COMMON, "live.js", "console.js")
+_LARGEST = float(np.finfo(np.float32).max)
 
 
 def report(flight: Flight) -> str:
@@ -67,18 +68,23 @@ def encode(flight: Flight) -> bytes:
     """Return a flight as the page reads it.
 
     The length of a header in JSON (uint32), the header, zeros up to a multiple of 4, then for each drone and channel
-    its times (s) and its fields, one after the other, as float32; all little-endian.
+    its times (s) and its fields, one after the other, as float32; all little-endian. A finite number that float32 does
+    not reach is a gap (NaN), and a note says so.
     """
-    arrays = [
-        np.ascontiguousarray(channel.samples.T, dtype="<f4").tobytes()
-        for track in flight.tracks
-        for channel in track.channels.values()
-    ]
+    notes, arrays = list(flight.notes), []
+    for track in flight.tracks:
+        for kind, channel in track.channels.items():
+            samples = channel.samples
+            beyond = np.isfinite(samples) & (np.abs(samples) > _LARGEST)
+            if beyond.any():
+                samples = np.where(beyond, np.nan, samples)
+                notes.append(f"{track.name}, {kind}: values not shown that exceed {_LARGEST:.2g}: {beyond.sum()}.")
+            arrays.append(np.ascontiguousarray(samples.T, dtype="<f4").tobytes())
     header = json.dumps(
         {
             "title": flight.title,
             "duration": flight.duration,
-            "notes": list(flight.notes),
+            "notes": notes,
             "setup": plain(dict(flight.setup)),
             "events": [plain(vars(event)) for event in flight.events],
             "figures": plain(figures_of(flight)),

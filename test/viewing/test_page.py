@@ -23,7 +23,7 @@ from flatsat_ros.viewing.flight import POSE_FIELDS, Channel, Event, Flight, Trac
 from flatsat_ros.viewing.page import LIVE, PAGE, RECORDED, VENDOR, console, encode, report
 
 EVIL = "</script><script>alert(1)</script>&<b>"
-numbers = st.floats(width=32)
+LARGEST = float(np.finfo(np.float32).max)
 seconds = st.integers(0, 10**9).map(float)
 
 
@@ -46,7 +46,7 @@ def decoded(data: bytes) -> tuple[dict[str, Any], list[dict[str, np.ndarray]]]:
 
 @given(
     names=st.lists(st.text(max_size=8), max_size=3),
-    rows=st.lists(st.tuples(seconds, *[numbers] * 7), max_size=5, unique_by=lambda row: row[0]).map(sorted),
+    rows=st.lists(st.tuples(seconds, *[st.floats()] * 7), max_size=5, unique_by=lambda row: row[0]).map(sorted),
     text=st.text(max_size=20),
     value=st.one_of(st.floats(), st.text(max_size=5), st.booleans(), st.lists(st.floats(), max_size=3)),
 )
@@ -59,8 +59,12 @@ def test_what_the_page_decodes_is_what_was_flown(
     header, drones = decoded(encode(flight))
     assert [drone["name"] for drone in header["drones"]] == names
     assert header["title"] == header["events"][0]["text"] == header["notes"][0] == text
+    beyond = np.isfinite(samples) & (np.abs(samples) > LARGEST)
+    shown = np.where(beyond, np.nan, samples).astype("<f4")
     for channels in drones:
-        np.testing.assert_array_equal(channels["pose"], samples.astype("<f4"))
+        np.testing.assert_array_equal(channels["pose"], shown)
+    told = f", pose: values not shown that exceed 3.4e+38: {beyond.sum()}."
+    assert header["notes"][1:] == [name + told for name in names if beyond.any()]
     if isinstance(value, float):
         assert header["setup"]["value"] == (value if math.isfinite(value) else None)
 
