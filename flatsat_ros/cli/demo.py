@@ -1,4 +1,4 @@
-"""The demo: three simulated Crazyflies swap places, as the controller flies by default, every node its own process."""
+"""The demo: simulated Crazyflies swap places, as the controller flies by default, over ROS or without."""
 
 from __future__ import annotations
 
@@ -38,7 +38,19 @@ def _parser() -> shell.Parser:
         help=f"of swapping, in legs of {LEG_TIME:g} s, or as slow as the certificate wants (default: %(default)g)",
     )
     parser.add_argument("--plan", type=shell.path, metavar="FILE", help="fly this plan instead, see the program plan")
-    parser.add_argument("--robots", type=int, default=3, help="number of drones (default: %(default)s)")
+    parser.add_argument(
+        "--robots",
+        type=int,
+        help="let so many fly to the opposite places of a circle instead, by a plan that is made and proved first; "
+        "with --paper the number of drones that swap",
+    )
+    parser.add_argument(
+        "--wind",
+        type=float,
+        default=0.0,
+        metavar="M_S",
+        help="steady, along x, with --plan or --robots; at most what the certificate assumes",
+    )
     parser.add_argument("--rate", type=float, help="of the controller, Hz, with --paper (default: the certificate's)")
     parser.add_argument("--headless", action="store_true", help="one process on simulated time, no ROS: fast, no bag")
     parser.add_argument("--console", action="store_true", help="show the flight live on a page of this machine, too")
@@ -55,20 +67,34 @@ def _scenario(arguments: argparse.Namespace, folder: Path) -> Scenario:
     from flatsat_ros.demo.scenario import plan, planned
 
     if arguments.plan is not None:
-        usual = _parser()
-        names = ("paper", "dynamics", "seconds", "robots", "rate", "offset_free")
-        for option in (name for name in names if getattr(arguments, name) != usual.get_default(name)):
-            raise FlatsatError(f"--{option.replace('_', '-')}: not used with --plan; drop one or the other")
-        return planned(arguments.plan)
+        _require_unused(arguments, "--plan", "paper", "dynamics", "seconds", "robots", "rate", "offset_free")
+        return planned(arguments.plan, arguments.wind)
+    if arguments.robots is not None and not arguments.paper:
+        from flatsat_ros.cli.plan import tell_round
+        from flatsat_ros.demo.exchange import exchange
+
+        _require_unused(arguments, "--robots", "dynamics", "seconds", "rate", "offset_free")
+        return exchange(folder, arguments.robots, arguments.wind, tell_round)
+    if arguments.wind:
+        raise FlatsatError("--wind: used with --plan or --robots only, and without --paper")
     return plan(
         folder,
-        arguments.robots,
+        3 if arguments.robots is None else arguments.robots,
         arguments.seconds,
         arguments.rate,
         arguments.dynamics,
         paper=arguments.paper,
         offset_free=arguments.offset_free,
     )
+
+
+def _require_unused(arguments: argparse.Namespace, beside: str, *names: str) -> None:
+    """Refuse options that a flight, named by the option that asks for it, would ignore."""
+    from flatsat_ros.base.errors import FlatsatError
+
+    usual = _parser()
+    for option in (name for name in names if getattr(arguments, name) != usual.get_default(name)):
+        raise FlatsatError(f"--{option.replace('_', '-')}: not used with {beside}; drop one or the other")
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -84,7 +110,7 @@ def _run(arguments: argparse.Namespace) -> int:
         live.require_ros()
     elif arguments.console:
         raise FlatsatError("--console: not used with --headless; drop one or the other")
-    shell.require_folder(folder, [record.SUMMARY, record.REPORT, *pictures.FILES])
+    shell.require_folder(folder, [record.SUMMARY, record.REPORT, record.PLAN, *pictures.FILES])
     scenario = _scenario(arguments, folder)
     if arguments.headless:
         recorder = Recorder(scenario.robots, setup_of(scenario.certificate, scenario.policy))
@@ -96,6 +122,8 @@ def _run(arguments: argparse.Namespace) -> int:
     summary = flown.summary()
     print(record.table(summary, flown.limits))
     written = [record.write(summary, folder), *pictures.draw(flown, folder)]
+    if arguments.plan is None and scenario.plan_path is not None:
+        written.append(scenario.plan_path)
     if not arguments.headless:
         written.append(folder / live.BAG)
     write_text(folder / record.REPORT, report(shown))

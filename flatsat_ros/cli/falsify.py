@@ -164,7 +164,7 @@ def _fly_plans(arguments: argparse.Namespace) -> int:
     given = tasks(len(plans), seed)
 
     def take(one: Attack) -> tuple[int, int]:
-        attacks.append((plans[next(given).plan].name, one))
+        attacks.append((os.fspath(arguments.plans[next(given).plan]), one))
         return one.flights, sum(each.breaches for _, each in attacks)
 
     results = results_of(partial(made, plans=plans, certificate=certificate), tasks(len(plans), seed), workers)

@@ -121,7 +121,7 @@ def _plan(arguments: argparse.Namespace) -> None:
         _show_trade(mission, certificate)
         return
     seconds = _SECONDS if arguments.seconds is None else arguments.seconds
-    found = plan(mission, seconds, _progress)
+    found = plan(mission, seconds, tell_round)
     if output is not None:
         found.save(output)
     print(f"plan {found.name} for certificate {found.certificate}: proved with integers, for all times")
@@ -142,7 +142,8 @@ def _show_trade(mission: Mission, certificate: Certificate) -> None:
         print(f"{choice.jerk_max:10.3f}  {choice.snap_max:10.3f}  {tube}  {bound}")
 
 
-def _progress(proved: Round) -> None:
+def tell_round(proved: Round) -> None:
+    """Say on stderr what has been proved."""
     beside = "" if proved.bound is None else f", {proved.duration / proved.bound:.3f} of the slowest drone alone"
     print(f"  proved: {proved.duration:.3f} s{beside}", file=sys.stderr, flush=True)
 

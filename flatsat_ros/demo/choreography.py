@@ -126,7 +126,7 @@ def perform(scenario: Scenario, stage: Stage) -> float:
         stage.let_pass(CLIMB_TIME - GATHER_TIME - scenario.lead)
         near, rest = GATHERED if scenario.paper else GATHERED_GENTLY
         # a plan looks by itself whether its drones are where it begins
-        planned = scenario.plan_path is not None
+        planned = scenario.plan is not None
         if not planned and not stage.wait_until(lambda: not stage.away(scenario.gathering, near), LATE):
             late = ", ".join(stage.away(scenario.gathering, near))
             raise FlatsatError(f"not within {near:g} m of the first way-point, {LATE:g} s late: {late}")

@@ -20,9 +20,9 @@ from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.plans.performance import Performance, Phase
-from flatsat_ros.plans.prepared import PreparedPlan
 from flatsat_ros.sim.closed_loop import Observer
 from flatsat_ros.sim.closed_loop import fly as fly_simulated
+from flatsat_ros.sim.dynamics import Wind
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.sensor import MotionCapture, Sample
 
@@ -72,13 +72,13 @@ class _Simulation(Stage):
             count,
             dynamics=scenario.dynamics,
             start=scenario.start,
+            wind=Wind(mean=(scenario.wind, 0.0, 0.0)),
             capture=MotionCapture(noise=POSE_NOISE),
             command_delay=0.0 if scenario.paper else LINK_DELAY,
         )
         self._performance = None
-        if scenario.plan_path is not None:
-            plan = PreparedPlan.load(scenario.plan_path, certificate)
-            self._performance = Performance(plan, self._pilot, scenario.robots)
+        if scenario.plan is not None:
+            self._performance = Performance(scenario.plan, self._pilot, scenario.robots)
         self._next = 0  # number of the next tick
         self.poses: list[list[list[float]]] = [[] for _ in range(count)]
         self.ticks: list[list[FloatArray]] = [[] for _ in range(count)]

@@ -52,7 +52,7 @@ def require_ros() -> None:
 
 
 def fly(scenario: Scenario, folder: Path, *, console: bool = False) -> FlightRecord:
-    """Fly the scenario with one controller process and one sim_drone process per drone.
+    """Fly the scenario with one controller process, and sim_drone processes as `processes.commands_of` says.
 
     Args:
         scenario: what is flown.
@@ -74,7 +74,7 @@ def fly(scenario: Scenario, folder: Path, *, console: bool = False) -> FlightRec
         if console:
             commands["console"] = command_of("console", NAMESPACE, {"port": "0"})
         with running(commands, folder / "log") as nodes:
-            stage = Live(conductor, nodes, planned=scenario.plan_path is not None)
+            stage = Live(conductor, nodes, planned=scenario.plan is not None)
             stage.wait_for_nodes()
             if console:
                 stage.show(folder / "log" / "console.log")

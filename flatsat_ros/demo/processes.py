@@ -20,7 +20,10 @@ Nodes = Mapping[str, "subprocess.Popen[bytes]"]
 
 
 def commands_of(scenario: Scenario, namespace: str) -> dict[str, list[str]]:
-    """Return the command line of every node by name: one controller, and a sim_drone for each drone."""
+    """Return the command line of every node by name: one controller, and a sim_drone for each drone.
+
+    The drones of a plan share one, and its room: there may be many.
+    """
     link_delay = 0.0 if scenario.paper else LINK_DELAY
     commands = {
         "controller": command_of(
@@ -43,15 +46,19 @@ def commands_of(scenario: Scenario, namespace: str) -> dict[str, list[str]]:
             },
         )
     }
-    for i, (robot, start) in enumerate(zip(scenario.robots, scenario.start.tolist(), strict=True)):
-        commands[f"sim_drone_{robot}"] = command_of(
+    apart = scenario.plan is None
+    numbers = range(len(scenario.robots))
+    for i, members in enumerate([[number] for number in numbers] if apart else [list(numbers)]):
+        robots = [scenario.robots[number] for number in members]
+        commands[f"sim_drone_{robots[0]}" if apart else "sim_drone"] = command_of(
             "sim_drone",
             namespace,
             {
-                "robot_names": f"[{robot}]",
+                "robot_names": f"[{','.join(robots)}]",
                 "vehicle": VEHICLE,
                 "dynamics": scenario.dynamics,
-                "start_positions": str(start),
+                "start_positions": str(scenario.start[members].ravel().tolist()),
+                "wind": f"[{scenario.wind!r}, 0.0, 0.0]",
                 "position_noise": repr(POSE_NOISE),
                 "command_delay": repr(link_delay),
                 "seed": str(i),

@@ -16,14 +16,17 @@ from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.input_set import InputSet
+from flatsat_ros.plans import Plan
 
 # root mean square tracking errors of the paper's Test 2, Table III, m
 PAPER_RMS = (0.0703, 0.0826, 0.0602)
 RMS_LIMIT = 0.10  # m, what the demo promises
 _LIFTED = 0.03  # m, above where it stood: a drone in the air
 _SETTLED = 2.0  # s after lift-off, from which on the guarantee is asked for
+_MEASURED = 0.01  # s, between two times at which distances are looked at
 _FLOOR = 0.05  # m, around z = 0, where a drone that landed stands
 SUMMARY = "summary.json"
+PLAN = "plan.yaml"  # that was made for the flight
 REPORT = "report.html"
 # degrees and PWM on the wire cost a few units in the last place
 _ROUNDING = 1e-9
@@ -66,6 +69,7 @@ class FlightRecord:
         rate: ticks per second.
         dynamics: of the simulated drones.
         swap: begin and end of the swap, s.
+        plan: that was flown; None without one.
     """
 
     robots: Mapping[str, RobotRecord]
@@ -76,6 +80,7 @@ class FlightRecord:
     rate: float
     dynamics: str
     swap: tuple[float, float]
+    plan: Plan | None = None
 
     def summary(self) -> dict[str, Any]:
         """Return the figures of summary.json, computed from what was recorded."""
@@ -93,6 +98,7 @@ class FlightRecord:
             "dynamics": self.dynamics,
             "rate_hz": self.rate,
             "seconds": self.swap[1] - self.swap[0],
+            "plan": None if self.plan is None else _plan_summary(self.plan, self.robots, self.swap),
         }
 
     def _robot_summary(self, robot: RobotRecord) -> dict[str, Any]:
@@ -126,7 +132,7 @@ class FlightRecord:
             return None
         begin = max(track.poses[0, 0] for track in tracks)
         end = min(track.poses[-1, 0] for track in tracks)
-        times = np.arange(begin, end, 0.01)
+        times = np.arange(begin, end, _MEASURED)
         paths = [np.stack([np.interp(times, t.poses[:, 0], t.poses[:, i]) for i in (1, 2, 3)], axis=1) for t in tracks]
         return float(
             min(np.linalg.norm(paths[i] - paths[j], axis=1).min() for i in range(len(paths)) for j in range(i))
@@ -155,6 +161,33 @@ def _tube_summary(robot: RobotRecord) -> dict[str, float | None]:
     }
 
 
+def _plan_summary(plan: Plan, robots: Mapping[str, RobotRecord], swap: tuple[float, float]) -> dict[str, Any]:
+    """Return what a plan proves, and what of it was measured in its flight, m in the plan's metric.
+
+    Two drones inside their tubes are at least as far apart as their references, less both tubes.
+    """
+    times = np.arange(*swap, _MEASURED)
+    stretch = np.array([1.0, 1.0, plan.downwash])
+    paths, tubes, shares = {}, {}, {}
+    for drone in plan.drones:
+        robot, tubes[drone.name] = robots[drone.name], drone.tube.radius
+        measured = np.stack([np.interp(times, robot.poses[:, 0], robot.poses[:, i]) for i in (1, 2, 3)], axis=1)
+        reference = np.array([robot.reference.sample(t)[:3] for t in times])
+        paths[drone.name] = measured / stretch
+        off = np.linalg.norm((measured - reference) / stretch, axis=1)
+        shares[drone.name] = float(off.max() / drone.tube.radius)
+    pairs = [
+        {
+            "first": pair.first,
+            "second": pair.second,
+            "certified_m": round(pair.distance * 1e-4 - tubes[pair.first] - tubes[pair.second], 6),
+            "measured_m": float(np.linalg.norm(paths[pair.first] - paths[pair.second], axis=1).min()),
+        }
+        for pair in plan.pairs
+    ]
+    return {"name": plan.name, "certificate": plan.certificate, "tube_share_max": shares, "pairs": pairs}
+
+
 def write(summary: Mapping[str, Any], folder: Path) -> Path:
     """Write the figures to `SUMMARY` in a folder; return its path.
 
@@ -178,9 +211,25 @@ def failures(summary: Mapping[str, Any]) -> list[str]:
         for name, robot in summary["robots"].items()
         if not robot["landed"]
     ]
+    if summary["plan"] is not None:
+        broken += _of_plan(summary["plan"])
     if summary["violations"]:
         broken.append(f"{summary['violations']} commands outside the limits, promised none")
     return broken
+
+
+def _of_plan(plan: Mapping[str, Any]) -> list[str]:
+    """Return what a plan proves and its flight broke, one sentence each."""
+    broken = [
+        f"{name}: {share:.2f} of its tube away from its reference, promised to stay inside"
+        for name, share in plan["tube_share_max"].items()
+        if not share <= 1.0
+    ]
+    return broken + [
+        f"{pair['first']}, {pair['second']}: {pair['measured_m']:.3f} m apart, proved {pair['certified_m']:.3f} m"
+        for pair in plan["pairs"]
+        if not pair["measured_m"] >= pair["certified_m"]
+    ]
 
 
 def table(summary: Mapping[str, Any], limits: InputSet) -> str:
@@ -209,4 +258,13 @@ def table(summary: Mapping[str, Any], limits: InputSet) -> str:
         f"for {len(summary['robots'])} drones at {summary['rate_hz']:g} Hz",
         f"dynamics: {summary['dynamics']}, swap of {summary['seconds']:g} s",
     ]
+    if (plan := summary["plan"]) is not None:
+        name, share = max(plan["tube_share_max"].items(), key=lambda each: each[1])
+        lines.append(f"plan {plan['name']}: at most {share:.2f} of a tube used, by {name}")
+        if plan["pairs"]:
+            nearest = min(plan["pairs"], key=lambda pair: pair["measured_m"] - pair["certified_m"])
+            lines.append(
+                f"nearest to what is proved: {nearest['first']} and {nearest['second']}, {nearest['measured_m']:.3f} m "
+                f"apart, proved {nearest['certified_m']:.3f} m"
+            )
     return "\n".join(lines)

@@ -48,7 +48,9 @@ class Scenario:
         dynamics: ideal or identified.
         policy: of the flight layer.
         paper: the flight is Test 2 of the paper: goals are steps, no drone's gain restarts.
-        plan_path: the plan file whose references the swaps are; None without one.
+        plan: whose references the swaps are; None without one.
+        plan_path: its file.
+        wind: steady, along x, m/s.
     """
 
     robots: list[str]
@@ -60,7 +62,9 @@ class Scenario:
     dynamics: str
     policy: Policy
     paper: bool
+    plan: PreparedPlan | None = None
     plan_path: Path | None = None
+    wind: float = 0.0
 
     @property
     def height(self) -> float:
@@ -75,7 +79,7 @@ class Scenario:
     @property
     def lead(self) -> float:
         """How long before the swap its references are sent, s; those of a plan are sent one in each tick."""
-        return LEAD if self.plan_path is None else LEAD + len(self.robots) * self.certificate.period
+        return LEAD if self.plan is None else LEAD + len(self.robots) * self.certificate.period
 
 
 def plan(
@@ -111,7 +115,7 @@ def plan(
     for option, given in others.items():
         if given and not paper:
             raise FlatsatError(f"{option}: not used without --paper; the default flight is that of its certificate")
-    certificate, path = _certificate_of(folder, rate) if paper else _default_certificate()
+    certificate, path = _certificate_of(folder, rate) if paper else default_certificate()
     ring = _ring(count)
     legs = math.ceil(seconds / LEG_TIME - 1e-9)
     swaps = [swap_between(ring, i, legs) if paper else gentle_swap(certificate, ring, i, legs) for i in range(count)]
@@ -134,14 +138,23 @@ def plan(
     )
 
 
-def planned(path: Path) -> Scenario:
+def planned(path: Path, wind: float = 0.0) -> Scenario:
     """Return the flight of a plan file, from the floor below its first points, by the demo's certificate.
+
+    Args:
+        path: of the plan.
+        wind: steady, along x, m/s.
 
     Raises:
         FlatsatError: the plan does not hold, is for another certificate, or its drones would stand too near to each
-            other on the floor.
+            other on the floor; or the wind is more than the certificate assumes.
     """
-    certificate, certificate_path = _default_certificate()
+    certificate, certificate_path = default_certificate()
+    dynamics = load_vehicle(VEHICLE).dynamics
+    assumed = 0.0 if certificate.flight is None else certificate.flight.disturbance / dynamics.drag_xy
+    if not 0.0 <= wind <= assumed:
+        valid = f"from 0 to {assumed:.4g} m/s, whose drag on a hovering drone is what the certificate assumes"
+        raise refusal("--wind", wind, "m/s", valid)
     prepared = PreparedPlan.load(path, certificate)
     robots = list(prepared.references)
     swaps = [prepared.references[robot] for robot in robots]
@@ -152,14 +165,14 @@ def planned(path: Path) -> Scenario:
         if apart < _FLOOR_DISTANCE:
             what = f"distance of {robots[i]} and {robots[j]} on the floor below their first points"
             raise refusal(what, round(apart, 3), "m", f"at least {_FLOOR_DISTANCE:g} m, to take off")
-    drag = load_vehicle(VEHICLE).dynamics.drag_z
     return Scenario(
         robots, start, gathering, swaps, certificate, certificate_path, "identified",
-        Policy(disturbance_max=DISTURBANCE_MAX, thrust_error_max=THRUST_ERROR_MAX, drag=drag), False, path,
+        Policy(disturbance_max=DISTURBANCE_MAX, thrust_error_max=THRUST_ERROR_MAX, drag=dynamics.drag_z), False,
+        prepared, path, wind,
     )  # fmt: skip
 
 
-def _default_certificate() -> tuple[Certificate, Path]:
+def default_certificate() -> tuple[Certificate, Path]:
     """Return the certificate of the whole loop that the demo flies, and its file."""
     certificate = load_certificate(FLIGHT_CERTIFICATE)
     require_fit(certificate, load_vehicle(VEHICLE), LINK_DELAY, "the demo's drones")
@@ -228,4 +241,5 @@ def record_of(scenario: Scenario, robots: dict[str, RobotRecord], swap_start: fl
         1.0 / certificate.period,
         scenario.dynamics,
         (swap_start, swap_start + scenario.duration),
+        None if scenario.plan is None else scenario.plan.plan,
     )

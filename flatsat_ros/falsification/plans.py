@@ -1,8 +1,8 @@
 """Plans flown by simulated drones in wind, by the hundred: is a drone ever outside its tube, or a pair too near?
 
 Several copies of a plan are flown side by side, each drone with a thrust of its own, in a wind that turns as fast as
-the certificate's assumptions allow. Drones begin in the air at their first points and have a few seconds to settle.
-What is compared are true places, at every tick.
+the certificate's assumptions allow, on one pose for each tick, new or as late as they allow. Drones begin in the air at
+their first points and have a few seconds to settle. What is compared are true places, at every tick.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.flight_tube import Assumptions
 from flatsat_ros.crazyflie.fit import require_fit
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.flight.pilot import Pilot
@@ -33,9 +34,9 @@ from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.sensor import MotionCapture
 
 _VEHICLE, _LINK_DELAY = "cf21", 0.028  # as in the demo
-_DRONES = 60  # flown at once, about
+_DRONES = 240  # flown at once, about: more of them cost less each
 _BESIDE = 30.0  # m, between copies of a plan
-_GIVEN, _SETTLED = 0.5, 5.0  # s, when the references are given, and begin
+_GIVEN, _SETTLED = 0.5, 3.0  # s, when the references are given, and begin
 _FAR = 1e5  # m, walls and ceiling
 _TUNING = (2.0, 0.05, 1.0)  # mu, V_inf, gamma_0: the controller's defaults
 _OF_NOISE = 1.0 / 4.0  # standard deviation over the bound that the certificate assumes
@@ -89,7 +90,7 @@ def attack(plan: Plan, certificate: Certificate, seed: int) -> Attack:
         start=[path.sample(0.0)[:3] for path in paths],
         flying=True,
         seed=seed,
-        capture=MotionCapture(noise=_OF_NOISE * flight.assumptions.noise),
+        capture=_capture(random, flight.assumptions, certificate.period),
         thrust_scale=random.uniform(*gains, len(paths)),
         command_delay=_LINK_DELAY,
     )
@@ -170,6 +171,12 @@ def _moved(path: Trajectory, aside: float) -> Trajectory:
     return Trajectory(path.times, coefficients, path.yaw)
 
 
+def _capture(random: np.random.Generator, assumed: Assumptions, period: float) -> MotionCapture:
+    """Return one that gives each tick a single new pose, of that moment or as old as is assumed."""
+    late = float(random.choice([0.0, assumed.pose_age]))
+    return MotionCapture(rate=1.0 / period, noise=_OF_NOISE * assumed.noise, latency=late)
+
+
 def _wind(
     random: np.random.Generator, disturbance: float, rate: float, drag: float
 ) -> Callable[[float], tuple[float, float, float]]:
@@ -186,7 +193,7 @@ def _wind(
 
 
 def report(attacks: Sequence[tuple[str, Attack]], seconds: float) -> str:
-    """Return what attacks on plans, by their names, came to."""
+    """Return what attacks on plans, by the names of their files, came to."""
     flights, breaches = (sum(getattr(one, name) for _, one in attacks) for name in ("flights", "breaches"))
     lines = [f"{flights} flights of {len({name for name, _ in attacks})} plans in {seconds:.0f} s: {breaches} breaches"]
     for name in dict.fromkeys(name for name, _ in attacks):

@@ -150,7 +150,9 @@ class Conductor(Node):
         for entry in reversed(self.recorded):
             found = _PLAN_BEGINS.search(entry.cdr) if entry.kind == _LOG_KIND else None
             if found is not None:
-                return entry.time + round(float(found[1]) * messages.NANOSECONDS)
+                # from when that was said, not from when it was heard: drones move by a millimetre in one millisecond
+                said = messages.nanoseconds_from_stamp(deserialize_message(entry.cdr, interfaces.LOG.kind).stamp)
+                return said + round(float(found[1]) * messages.NANOSECONDS)
         return None
 
     def refusal(self, answer: Future) -> str:

@@ -58,10 +58,10 @@ def plan(mission: Mission, seconds: float = SECONDS, progress: Callable[[Round],
     except KeyboardInterrupt:
         if not found:
             raise
-    return _finished(mission, found[-1])
+    return finished(mission, found[-1])
 
 
-def _finished(mission: Mission, found: Round) -> Plan:
+def finished(mission: Mission, found: Round) -> Plan:
     """Return the plan of a round, with the distances that can be certified."""
     drones = [
         PlannedDrone(

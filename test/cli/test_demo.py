@@ -76,6 +76,11 @@ def test_other_numbers_rates_and_dynamics_fly_too(tmp_path: Path) -> None:
     ("arguments", "text"),
     [
         (["--robots", "0"], "--robots = 0: must be from 1 to 64"),
+        (["--paper", "--robots", "65"], "--robots = 65: must be from 1 to 64"),
+        (["--robots", "4", "--seconds", "5"], "--seconds: not used with --robots"),
+        (["--plan", "plan.yaml", "--robots", "4"], "--robots: not used with --plan"),
+        (["--wind", "0.5"], "--wind: used with --plan or --robots only"),
+        (["--paper", "--robots", "4", "--wind", "0.5"], "--wind: used with --plan or --robots only"),
         (["--seconds", "-1"], "--seconds = -1.0 s: must be above 0 and at most 3600"),
         (["--seconds", "nan"], "--seconds = nan s"),
         (["--paper", "--rate", "0.2"], "--rate = 0.2 Hz: must be from 1 to 500"),

@@ -31,7 +31,7 @@ PROGRAMS = {
     "validate": validate.main,
 }
 CERTIFY = ["synthesize", "--thrust-max", "14"]
-HEADLESS = ["demo", "--headless", "--robots", "1", "--seconds", "4"]
+HEADLESS = ["demo", "--headless", "--paper", "--robots", "1", "--seconds", "4"]
 
 
 def run(work: Callable[[argparse.Namespace], int], *argv: str) -> int:

@@ -6,12 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, load_certificate
-from flatsat_ros.demo import headless
-from flatsat_ros.demo.scenario import planned
+from flatsat_ros.demo import exchange, headless
+from flatsat_ros.demo.record import RobotRecord, failures
+from flatsat_ros.demo.scenario import planned, record_of
+from flatsat_ros.flight.modes import Mode
+from flatsat_ros.flight.telemetry import FIELDS
+from flatsat_ros.planning import Round
 from flatsat_ros.plans import Bounds, Curve, Plan, PlannedDrone, Tube
 from flatsat_ros.plans.tubes import certified_tube, default_bounds
 
@@ -22,7 +28,8 @@ CERTIFICATE = load_certificate(FLIGHT_CERTIFICATE)
 def loaded(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its proof takes seconds: once is enough."""
     found = CERTIFICATE, config_path(FLIGHT_CERTIFICATE)
-    monkeypatch.setattr("flatsat_ros.demo.scenario._default_certificate", lambda: found)
+    monkeypatch.setattr("flatsat_ros.demo.scenario.default_certificate", lambda: found)
+    monkeypatch.setattr("flatsat_ros.demo.exchange.default_certificate", lambda: found)
 
 
 def save(path: Path, *places: tuple[float, float, float]) -> Path:
@@ -39,15 +46,68 @@ def save(path: Path, *places: tuple[float, float, float]) -> Path:
     return path
 
 
-def test_a_plan_is_flown_within_its_tubes(tmp_path: Path) -> None:
-    scenario = planned(save(tmp_path / "plan.yaml", (0.0, 0.0, 0.6)))
+def test_two_drones_exchange_their_places_in_wind_inside_their_tubes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(exchange, "SECONDS", 0.3)
+    found: list[Round] = []
+    scenario = exchange.exchange(tmp_path, 2, 0.4, found.append)
+    assert scenario.duration == found[-1].duration
     flown = headless.fly(scenario)
-    (record,) = flown.robots.values()
-    begin, end = flown.swap
-    during = (record.poses[:, 0] > begin) & (record.poses[:, 0] < end)
-    errors = [np.linalg.norm(pose[1:] - record.reference.sample(pose[0])[:3]) for pose in record.poses[during]]
-    assert len(errors) > 500
-    assert max(errors) < CERTIFICATE.flight.vertical.tube.position  # type: ignore[union-attr]
+    summary = flown.summary()
+    assert failures(summary) == []
+    assert summary["plan"]["certificate"] == CERTIFICATE.name
+    assert all(0.0 < share < 1.0 for share in summary["plan"]["tube_share_max"].values())
+    (pair,) = summary["plan"]["pairs"]
+    assert pair["certified_m"] >= 0.3  # both bodies
+    # they are where their references are, give or take both tubes
+    tubes = sum(drone.tube.radius for drone in flown.plan.drones)  # type: ignore[union-attr]
+    assert pair["certified_m"] < pair["measured_m"] < pair["certified_m"] + 2.0 * tubes
+    assert summary["separation_min_m"] >= pair["measured_m"]
+
+
+def test_what_a_plan_proves_and_its_flight_broke_is_named(tmp_path: Path) -> None:
+    scenario = planned(save(tmp_path / "plan.yaml", (0.0, 0.0, 0.6), (0.6, 0.0, 0.6)))
+    assert scenario.plan is not None
+    tube = scenario.plan.plan.drones[0].tube.radius
+    times = np.arange(0.0, scenario.duration + 0.1, 0.01)
+    ticks = np.zeros((2, 1 + len(FIELDS)))
+    ticks[:, 1 + FIELDS.index("mode")] = Mode.FLY, Mode.IDLE
+    robots = {}
+    for name, swap, off in zip(scenario.robots, scenario.swaps, (0.1, -0.05), strict=True):
+        poses = np.array([[t, *(swap.sample(t)[:3] + (off, 0.0, 0.0))] for t in times])
+        poses[-1, 3] = 0.0  # landed
+        robots[name] = RobotRecord(poses, ticks, np.empty((0, 5)), swap)
+    summary = record_of(scenario, robots, 0.0).summary()
+    plan = summary["plan"]
+    assert plan["tube_share_max"] == pytest.approx({"cf1": 0.1 / tube, "cf2": 0.05 / tube})
+    assert plan["pairs"] == [
+        {
+            "first": "cf1",
+            "second": "cf2",
+            "certified_m": pytest.approx(0.6 - 2.0 * tube, abs=1e-4),
+            "measured_m": pytest.approx(0.45),
+        }
+    ]
+    assert any("cf1: 1.1" in sentence and "promised to stay inside" in sentence for sentence in failures(summary))
+    plan["pairs"][0]["certified_m"] = 0.5
+    assert failures(summary)[-1] == "cf1, cf2: 0.450 m apart, proved 0.500 m"
+
+
+@given(count=st.integers(2, exchange.ROBOTS_MAX))
+def test_drones_of_an_exchange_stand_apart_and_go_to_the_other_side(count: int) -> None:
+    mission = exchange.mission_of(CERTIFICATE, count)
+    starts, goals = mission.waypoints[:, 0], mission.waypoints[:, 1]
+    assert np.allclose(goals[:, :2], -starts[:, :2])
+    apart = np.linalg.norm(starts[:, np.newaxis] - starts, axis=2) + 10.0 * np.eye(count)
+    assert apart.min() > 0.74
+
+
+@pytest.mark.parametrize("wind", [-0.1, 1.2, float("nan")])
+def test_wind_that_the_certificate_does_not_assume_is_refused(wind: float, tmp_path: Path) -> None:
+    path = save(tmp_path / "plan.yaml", (0.0, 0.0, 0.6))
+    with pytest.raises(FlatsatError, match=r"--wind = .* m/s: must be from 0 to 1\.096 m/s"):
+        planned(path, wind)
 
 
 def test_drones_that_would_stand_too_near_to_each_other_are_named(tmp_path: Path) -> None:

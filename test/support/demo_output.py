@@ -6,5 +6,6 @@ ROBOT_KEYS = {
 }  # fmt: skip
 KEYS = {
     "robots", "violations", "separation_min_m", "tick_median_us", "tick_p99_us", "dynamics", "rate_hz", "seconds",
+    "plan",
 }  # fmt: skip
 PICTURES = ("paths.png", "gain.png", "inputs.png")
