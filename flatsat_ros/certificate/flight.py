@@ -16,7 +16,8 @@ from typing import Any
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import refusal, require, require_fields, require_not_negative, require_positive
 from flatsat_ros.base.strict_yaml import section
-from flatsat_ros.certificate.enclosures import decimal, sine
+from flatsat_ros.certificate.enclosures import decimal
+from flatsat_ros.certificate.exact import inner_radius, spare
 from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_return import Return, box_return
@@ -209,10 +210,10 @@ class Flight:
         sides, upright = self.horizontal.tube, self.vertical.tube
         taken = _norm(sides.nominal, upright.nominal) + _norm(sides.disturbance, upright.disturbance)
         margins = {
-            "flight: gain_min <= 1": _spare(decimal(self.gain_min), Fraction(1)),
-            "flight: the cap of the gain is in the interval": _spare(decimal(gain_max), decimal(self.gain_max)),
-            "flight: the margin is one that a hovering drone has": _spare(decimal(self.margin), _inner_radius(limits)),
-            "flight: |v0| + |d^| <= margin, so that every applied gain is at least 1": _spare(
+            "flight: gain_min <= 1": spare(decimal(self.gain_min), Fraction(1)),
+            "flight: the cap of the gain is in the interval": spare(decimal(gain_max), decimal(self.gain_max)),
+            "flight: the margin is one that a hovering drone has": spare(decimal(self.margin), inner_radius(limits)),
+            "flight: |v0| + |d^| <= margin, so that every applied gain is at least 1": spare(
                 taken + decimal(self.disturbance), decimal(self.margin)
             ),
         }
@@ -223,8 +224,8 @@ class Flight:
                 for claim in fields(proved):
                     if claim.name != "rate":
                         bound, most = getattr(proved, claim.name), decimal(getattr(claimed, claim.name))
-                        spare = _spare(Fraction(bound), most) if math.isfinite(bound) else -math.inf
-                        margins[f"flight: {name} {kind}, {claim.name}"] = spare
+                        slack = spare(Fraction(bound), most) if math.isfinite(bound) else -math.inf
+                        margins[f"flight: {name} {kind}, {claim.name}"] = slack
         return margins
 
     @classmethod
@@ -248,19 +249,7 @@ class Flight:
         }
 
 
-def _spare(value: Fraction, most: Fraction) -> float:
-    """Return by how much, relatively, a value is below a bound; below 0 exactly if it is above."""
-    return float(1 - value / most)
-
-
 def _norm(first: float, second: float) -> Fraction:
     """Return a bound of the root of the sum of two squares, hardly above it."""
     square = decimal(first) ** 2 + decimal(second) ** 2
     return Fraction(math.isqrt(math.ceil(square * 10**40)) + 1, 10**20)
-
-
-def _inner_radius(limits: InputSet) -> Fraction:
-    """Return `limits.inner_radius`, rounded down."""
-    gravity = decimal(limits.gravity)
-    lift = decimal(limits.thrust_max) - gravity
-    return min(gravity * sine(decimal(limits.tilt_max)), lift, gravity - decimal(limits.thrust_min))

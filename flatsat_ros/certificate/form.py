@@ -17,9 +17,6 @@ from flatsat_ros.law.input_set import InputSet
 FORMATS = (1, 2)
 
 # Relative rounding that a proved inequality may show when it is tight, and a figure that is written twice; far below
-# anything physical.
-ROUNDING = 1e-9
-
 HEADER = """\
 # A flatsat_ros certificate. Written by synthesis, verified on load: edit the inputs, not the figures.
 # limits: thrust_max T_max and thrust_min m/s^2 (normalised by the mass), tilt_max eps_max rad, gravity g m/s^2
@@ -91,5 +88,5 @@ def symmetric_matrix(name: str, value: object, size: int) -> FloatArray:
     largest = float(np.abs(matrix).max())
     require(largest <= LARGEST, f"an entry of {name}", largest, "", f"at most {LARGEST:g} in size")
     asymmetry = float(np.abs(matrix - matrix.T).max())
-    require(asymmetry <= ROUNDING * largest, f"asymmetry of {name}", asymmetry, "", "0: the matrix is symmetric")
+    require(asymmetry == 0.0, f"asymmetry of {name}", asymmetry, "", "0: the matrix is symmetric")
     return matrix

@@ -7,16 +7,18 @@ with the 3x3 identity. A block is that of P for x in (m, m/s); periods are in s,
 
 from __future__ import annotations
 
-import itertools
 import math
+import operator
 
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import refusal, require_positive
+from flatsat_ros.certificate.enclosures import Numbers, decimal
 
-_A = np.array([[0.0, 1.0], [0.0, 0.0]])
-_B = np.array([[0.0], [1.0]])
+# of integers, so that what is computed of fractions is exact
+_A = np.array([[0, 1], [0, 0]])
+_B = np.array([[0], [1]])
 
 # Pieces of the hold interval in the between-samples check: enough for a tight certificate to verify.
 _PIECES = 8
@@ -36,9 +38,18 @@ def closed_form_block(rate: float) -> FloatArray:
     Raises:
         FlatsatError: rate is not a finite number above 0.
     """
-    a = require_positive("rate (alpha)", rate, "1/s")
-    square = a * a  # no power: its last digit is the C library's
-    return np.array([[square * a / 2.0, square / 2.0], [square / 2.0, a]])
+    a = decimal(require_positive("rate (alpha)", rate, "1/s"))
+    return np.array([[float(a**3 / 2), float(a**2 / 2)], [float(a**2 / 2), float(a)]])
+
+
+def decay_matrix(block: Numbers, rate: Numbers) -> Numbers:
+    """Return A'P + P A - 2 P B B'P + alpha P (2, 2); of fractions it is exact.
+
+    Args:
+        block: P (2, 2) of one axis.
+        rate: alpha, 1/s.
+    """
+    return _A.T @ block + block @ _A - 2 * block @ _B @ _B.T @ block + rate * block
 
 
 def decay_residual(block: FloatArray, rate: float) -> float:
@@ -50,8 +61,14 @@ def decay_residual(block: FloatArray, rate: float) -> float:
         block: P (2, 2) of one axis.
         rate: alpha, 1/s.
     """
-    residual = _A.T @ block + block @ _A - 2.0 * block @ _B @ _B.T @ block + rate * block
-    return largest_relative_eigenvalue(residual, rate * block)
+    return largest_relative_eigenvalue(decay_matrix(block, rate), rate * block)
+
+
+def feedback_slope(metric: FloatArray, block: FloatArray) -> float:
+    """Return the largest |B'P x|^2 of one axis per unit of x'P x, or of z'W z; metric is P or W."""
+    feedback = np.zeros(len(metric))
+    feedback[:2] = block[1]
+    return float(feedback @ np.linalg.solve(metric, feedback))
 
 
 def decay_rate(block: FloatArray, gain: float) -> float:
@@ -106,29 +123,42 @@ def hold_growth(block: FloatArray, period: float, gain: float) -> float:
         period: h, s.
         gain: applied gain k.
     """
+    matrices = hold_matrices(hold_powers(block, period, gain))
+    return max(largest_relative_eigenvalue(matrix, block) for matrix in matrices)
+
+
+def hold_powers(block: Numbers, period: Numbers, gain: Numbers) -> Numbers:
+    """Return the coefficients (4, 2, 2) of S(t) h/t, a polynomial in t over an eighth of h; exact of fractions.
+
+    The arguments are those of `hold_growth`.
+    """
     a, b = _A, gain * _B @ (_B.T @ block)
     # x(t) = (I + t M1 + t^2 M2) x(0)
-    m1, m2 = a - b, -a @ b / 2.0
-    powers = np.array(
-        [
-            m1.T @ block + block @ m1,
-            m2.T @ block + m1.T @ block @ m1 + block @ m2,
-            m2.T @ block @ m1 + m1.T @ block @ m2,
-            m2.T @ block @ m2,
-        ]
-    ) * period ** np.arange(1.0, 5.0).reshape(4, 1, 1)
-    edges = np.linspace(0.0, 1.0, _PIECES + 1)
-    return max(
-        largest_relative_eigenvalue(coefficient, block)
-        for start, end in itertools.pairwise(edges)
-        for coefficient in bernstein_coefficients(powers, float(start), float(end))
-    )
+    m1, m2 = a - b, -a @ b / 2
+    powers = [
+        m1.T @ block + block @ m1,
+        m2.T @ block + m1.T @ block @ m1 + block @ m2,
+        m2.T @ block @ m1 + m1.T @ block @ m2,
+        m2.T @ block @ m2,
+    ]
+    piece = period / _PIECES
+    return np.array([period * power * piece**order for order, power in enumerate(powers)])
+
+
+def hold_matrices(powers: Numbers) -> list[Numbers]:
+    """Return matrices (2, 2), the Bernstein coefficients of all pieces: if none is above 0, V grows nowhere.
+
+    Args:
+        powers: (4, 2, 2) of `hold_powers`, or integers that are all the same number of times as large.
+    """
+    return [each for start in range(_PIECES) for each in bernstein_coefficients(powers, start, start + 1)]
 
 
 def bernstein_coefficients(powers: FloatArray, start: float, end: float) -> FloatArray:
     """Return the Bernstein coefficients on [start, end] of the polynomial sum_i powers[i] t^i.
 
-    The polynomial's values on the interval lie in the convex hull of the coefficients.
+    The polynomial's values on the interval lie in the convex hull of the coefficients. Of integers, in an array of
+    objects, they are integers, too: a multiple of what they stand for.
 
     Args:
         powers: (n + 1, ...) coefficients of t^0, t^1, ..., t^n.
@@ -138,13 +168,18 @@ def bernstein_coefficients(powers: FloatArray, start: float, end: float) -> Floa
     Returns:
         (n + 1, ...).
     """
-    degree = len(powers) - 1
+    degree, multiple, ratio = len(powers) - 1, 1, operator.truediv
+    if powers.dtype == object:
+        multiple, ratio = math.lcm(*(math.comb(degree, j) for j in range(degree + 1))), operator.floordiv
     shifted = [
         sum(math.comb(i, j) * start ** (i - j) * powers[i] for i in range(j, degree + 1)) * (end - start) ** j
         for j in range(degree + 1)
     ]
     return np.array(
-        [sum(math.comb(i, j) / math.comb(degree, j) * shifted[j] for j in range(i + 1)) for i in range(degree + 1)]
+        [
+            sum(ratio(multiple * math.comb(i, j), math.comb(degree, j)) * shifted[j] for j in range(i + 1))
+            for i in range(degree + 1)
+        ]
     )
 
 

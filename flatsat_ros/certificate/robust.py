@@ -19,13 +19,16 @@ V_h+ <= max(V_h, s) and V_v+ <= max(V_v, s) too.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray, finite_array, require_each
 from flatsat_ros.base.errors import LARGEST, SMALLEST, require, require_positive
-from flatsat_ros.certificate.lyapunov import largest_relative_eigenvalue
+from flatsat_ros.certificate.enclosures import Numbers, decimal, sine
+from flatsat_ros.certificate.exact import product, rationals, semidefinite, signed, spare
+from flatsat_ros.certificate.lyapunov import decay_matrix, largest_relative_eigenvalue
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.law.input_set import InputSet
 
@@ -75,11 +78,20 @@ class Robust:
             blocks: P (2, 2) of x and y, and of z.
         """
         corners = np.array([(self.box[0], self.box[0], sign * self.box[1]) for sign in (1.0, -1.0)])
-        margins = {"the box |v_i| <= vbar_i lies in the input set": 1.0 - float(limits.gauge(corners).max())}
+        wide, high = rationals(self.box)
+        gravity, least = decimal(limits.gravity), sine(decimal(limits.tilt_max)) ** 2
+        low = gravity - high
+        within = low >= max(decimal(limits.thrust_min), 0) and 2 * wide**2 <= (2 * wide**2 + low**2) * least
+        within = within and 2 * wide**2 + (gravity + high) ** 2 <= decimal(limits.thrust_max) ** 2
+        slack = 1.0 - float(limits.gauge(corners).max())
+        margins = {"the box |v_i| <= vbar_i lies in the input set": signed(slack, within)}
         for axis, (block, name) in enumerate(zip(blocks, ("x, y", "z"), strict=True)):
-            residual = robust_residual(block, self.rate, self.drift[axis], self.push[axis])
-            margins[f"Q A' + A Q - 2 B B' + beta Q + E E'/beta <= 0 for {name}"] = -residual
-            margins[f"V <= 1 implies v0 in the box for {name}"] = 1.0 - float(block[1, 1]) / float(self.box[axis]) ** 2
+            slack = -robust_residual(block, self.rate, self.drift[axis], self.push[axis])
+            exact = rationals(block), decimal(self.rate), decimal(self.drift[axis]), decimal(self.push[axis])
+            holds = semidefinite(-robust_matrix(*exact))
+            margins[f"Q A' + A Q - 2 B B' + beta Q + E E'/beta <= 0 for {name}"] = signed(slack, holds)
+            reach, most = decimal(block[1, 1]), rationals(self.box)[axis] ** 2
+            margins[f"V <= 1 implies v0 in the box for {name}"] = spare(reach, most)
         return margins
 
     def to_document(self) -> dict[str, Any]:
@@ -102,9 +114,28 @@ class Robust:
         grown = step @ spread @ step.T / (1.0 - self.share) + gathered / (self.share * self.floor)
         return largest_relative_eigenvalue(grown, spread) - 1.0
 
+    def holds(self, timing: Timing, axis: int, matrix: FloatArray, block: FloatArray, gain: float) -> bool:
+        """Tell whether V+ <= max(V, s), exactly; the arguments are those of `growth`.
 
-def robust_residual(block: FloatArray, rate: float, drift: float, push: float) -> float:
-    """Return the largest eigenvalue of Q A' + A Q - 2 B B' + beta Q + E E'/beta, relative to beta Q, for one axis.
+        M Q M'/(1 - p) + D/(p s) <= Q is, after a congruence with W and by Schur's complement, that
+
+            [[W - W D W/(p s), W M], [M'W, (1 - p) W]]
+
+        is positive semidefinite. It is affine in M, so that what holds at the corners holds in between.
+        """
+        W, row, k = rationals(matrix), timing.feedback(rationals(block)), decimal(gain)
+        share, floor = decimal(self.share), decimal(self.floor)
+        gathered = gathered_disturbance(timing, decimal(self.drift[axis]), decimal(self.push[axis]))
+        room = W - product(W, gathered, W) * (1 / (share * floor))
+        for F, G in timing.corners:
+            moved = product(W, F - k * product(G, row))
+            if not semidefinite(np.block([[room, moved], [moved.T, (1 - share) * W]])):
+                return False
+        return True
+
+
+def robust_matrix(block: Numbers, rate: Numbers, drift: Numbers, push: Numbers) -> Numbers:
+    """Return P (Q A' + A Q - 2 B B' + beta Q + E E'/beta) P (2, 2) for one axis; of fractions it is exact.
 
     Args:
         block: P (2, 2) of the axis, Q = P^-1.
@@ -112,21 +143,28 @@ def robust_residual(block: FloatArray, rate: float, drift: float, push: float) -
         drift: unmatched disturbance, m/s.
         push: matched disturbance, m/s^2.
     """
-    spread = np.asarray(np.linalg.inv(block), dtype=np.float64)
-    system, shake = np.array([[0.0, 1.0], [0.0, 0.0]]), np.diag([drift**2, push**2])
-    residual = spread @ system.T + system @ spread - np.diag([0.0, 2.0]) + rate * spread + shake / rate
-    return largest_relative_eigenvalue(residual, rate * spread)
+    shaken = drift**2 * np.outer(block[0], block[0]) + push**2 * np.outer(block[1], block[1])
+    return decay_matrix(block, rate) + shaken / rate
 
 
-def gathered_disturbance(timing: Timing, drift: float, push: float) -> FloatArray:
+def robust_residual(block: FloatArray, rate: float, drift: float, push: float) -> float:
+    """Return the largest eigenvalue of Q A' + A Q - 2 B B' + beta Q + E E'/beta, relative to beta Q, for one axis.
+
+    The arguments are those of `robust_matrix`.
+    """
+    return largest_relative_eigenvalue(robust_matrix(block, rate, drift, push), rate * block)
+
+
+def gathered_disturbance(timing: Timing, drift: Numbers, push: Numbers) -> Numbers:
     """Return D (n, n) of one axis: whatever w does in a period, what it adds to the state, d, has d d' <= D.
 
     Args:
         timing: of the loop; n entries of its state.
-        drift: unmatched disturbance, m/s.
+        drift: unmatched disturbance, m/s; D of fractions is exact.
         push: matched disturbance, m/s^2.
     """
-    h, gathered = timing.period, np.zeros((timing.size, timing.size))
-    e, m = drift**2, push**2
-    gathered[:2, :2] = h * np.array([[e * h + m * h**3 / 3.0, m * h**2 / 2.0], [m * h**2 / 2.0, m * h]])
+    exact = isinstance(drift, Fraction)
+    h, e, m = decimal(timing.period) if exact else timing.period, drift**2, push**2
+    gathered = np.zeros((timing.size, timing.size), dtype=object if exact else np.float64)
+    gathered[:2, :2] = h * np.array([[e * h + m * h**3 / 3, m * h**2 / 2], [m * h**2 / 2, m * h]])
     return gathered

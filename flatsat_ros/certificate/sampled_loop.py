@@ -13,14 +13,18 @@ in k.
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import require, require_not_negative, require_positive
+from flatsat_ros.certificate.enclosures import Numbers, decimal
+from flatsat_ros.certificate.exact import Rationals, decaying, product, rationals, semidefinite
 from flatsat_ros.certificate.lyapunov import largest_relative_eigenvalue
 
 # A delay this close to whole periods, relative to one, is whole: 0.3 s are three periods of 0.1 s.
@@ -77,34 +81,65 @@ class Timing:
 
     @cached_property
     def transition(self) -> tuple[FloatArray, FloatArray]:
-        """F (n, n) and G (n, 1) with z+ = F z + G u, one axis, exact; read-only."""
+        """F (n, n) and G (n, 1) with z+ = F z + G u, one axis, to rounding; read-only."""
         whole, part = self._split()
-        early, early_input = self._hold(part)
-        late, late_input = self._hold(self.period - part)
-        body, size = len(late), self.size
-        F, G = np.zeros((size, size)), np.zeros((size, 1))
-        F[:body, :body] = late @ early
-        # acceleration is driven by the command of whole + 1 periods ago until the part is over, then by the next one
-        columns = np.hstack([G, F[:, body:]])
-        columns[:body, [whole]] += late_input
-        if part > 0.0:
-            columns[:body, [whole + 1]] += late @ early_input
-        if size > body:
-            columns[body:, : size - body] = np.eye(size - body)
-        G, F[:, body:] = columns[:, :1], columns[:, 1:]
+        early, late = (self._hold(time, self.lag, self._gone(time)) for time in (part, self.period - part))
+        F, G = self._assembled(whole, part > 0.0, early, late)
         F.setflags(write=False)
         G.setflags(write=False)
         return F, G
 
-    def _hold(self, time: float) -> tuple[FloatArray, FloatArray]:
+    @cached_property
+    def corners(self) -> list[tuple[Rationals, Rationals]]:
+        """Pairs F and G of fractions in whose convex hull the exact pair is.
+
+        An entry is a linear function of what is left of the lag's answer after the part of the delay, and one of what
+        is left after the rest of the period; both are known between two numbers.
+        """
+        period, lag = decimal(self.period), decimal(self.lag)
+        whole, rounded = self._split()
+        part = decimal(self.delay) - whole * period if rounded > 0.0 else Fraction(0)
+        times = part, period - part
+        one = (Fraction(1),)
+        left = [decaying(time / lag) if lag and time else one for time in times]
+        return [
+            self._assembled(
+                whole, part > 0, *(self._hold(t, lag, 1 - rest) for t, rest in zip(times, rests, strict=True))
+            )
+            for rests in itertools.product(*left)
+        ]
+
+    def _assembled(
+        self, whole: int, parted: bool, first: tuple[Numbers, Numbers], second: tuple[Numbers, Numbers]
+    ) -> tuple[Numbers, Numbers]:
+        """Return F and G from what happens until the part of the delay is over, and from then on."""
+        (early, early_input), (late, late_input) = first, second
+        body, size = len(late), self.size
+        F, G = np.zeros((size, size), late.dtype), np.zeros((size, 1), late.dtype)
+        F[:body, :body] = late @ early
+        # acceleration is driven by the command of whole + 1 periods ago until the part is over, then by the next one
+        columns = np.hstack([G, F[:, body:]])
+        columns[:body, [whole]] += late_input
+        if parted:
+            columns[:body, [whole + 1]] += late @ early_input
+        if size > body:
+            columns[body:, : size - body] = np.eye(size - body, dtype=int)
+        G, F[:, body:] = columns[:, :1], columns[:, 1:]
+        return F, G
+
+    def _gone(self, time: float) -> float:
+        """Return the share of the lag's step response that is over."""
+        return -math.expm1(-time / self.lag) if self.lag > 0.0 else 1.0
+
+    @staticmethod
+    def _hold(time: Numbers, lag: Numbers, gone: Numbers) -> tuple[Numbers, Numbers]:
         """Return the transition of (p, v[, a]) and its input over a time in which the drive is constant."""
-        if self.lag == 0.0:
-            return np.array([[1.0, time], [0.0, 1.0]]), np.array([[time**2 / 2.0], [time]])
-        gone = -math.expm1(-time / self.lag)  # share of the step response
-        late = time - self.lag * gone
+        if not lag:
+            return np.array([[1, time], [0, 1]]), np.array([[time**2 / 2], [time]])
+        late = time - lag * gone
         return (
-            np.array([[1.0, time, self.lag * late], [0.0, 1.0, self.lag * gone], [0.0, 0.0, 1.0 - gone]]),
-            np.array([[time**2 / 2.0 - self.lag * late], [late], [gone]]),
+            np.array([[1, time, lag * late], [0, 1, lag * gone], [0, 0, 1 - gone]]),
+            np.array([[time**2 / 2 - lag * late], [late], [gone]]),
         )
 
     def closed_loop(self, block: FloatArray, gain: float) -> FloatArray:
@@ -117,9 +152,9 @@ class Timing:
         F, G = self.transition
         return np.asarray(F - gain * G @ self.feedback(block))
 
-    def feedback(self, block: FloatArray) -> FloatArray:
+    def feedback(self, block: Numbers) -> Numbers:
         """Return K (1, n), with u = -k K z: B'P on (p, v), zero on the rest of z; block is P (2, 2) of the axis."""
-        return np.asarray(np.concatenate([block[1], np.zeros(self.size - 2)])[np.newaxis])
+        return np.concatenate([block[1], np.zeros(self.size - 2, dtype=int)])[np.newaxis]
 
     def contraction(self, matrix: FloatArray, block: FloatArray, gain: float) -> float:
         """Return the largest z+'W z+ / z'W z over one period at gain k; convex in k.
@@ -131,6 +166,15 @@ class Timing:
         """
         step = self.closed_loop(block, gain)
         return largest_relative_eigenvalue(step.T @ matrix @ step, matrix)
+
+    def falls(self, matrix: FloatArray, block: FloatArray, gain: float) -> bool:
+        """Tell whether z'W z does not grow over one period at gain k, exactly; the arguments are as for `contraction`.
+
+        M'W M is convex in M, so that what holds at the corners holds in between.
+        """
+        W, row, k = rationals(matrix), self.feedback(rationals(block)), decimal(gain)
+        steps = (F - k * product(G, row) for F, G in self.corners)
+        return all(semidefinite(W - product(step.T, W, step)) for step in steps)
 
     def advance(self, z: FloatArray, command: FloatArray) -> FloatArray:
         """Return the state one period later, all three axes.

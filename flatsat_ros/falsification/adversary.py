@@ -13,6 +13,7 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.closed_form import closed_form_certificate
+from flatsat_ros.certificate.lowered import lowered
 from flatsat_ros.falsification.loops import disturbance_matrix, unit, worst_disturbance
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.law.input_set import InputSet
@@ -40,7 +41,7 @@ def certificate(random: np.random.Generator) -> Certificate:
 def with_limits(proven: Certificate, bounds: InputSet) -> Certificate:
     """Return a certificate for other limits: P, W and the gains do not depend on them, eps does."""
     ball = bounds.inner_radius**2
-    return replace(proven, limits=bounds, ball=ball, level=proven.level * ball / proven.ball)
+    return lowered(replace(proven, limits=bounds, ball=ball, level=proven.level * ball / proven.ball))[0]
 
 
 def starts(random: np.random.Generator, proven: Certificate, count: int) -> FloatArray:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cvxpy as cp
@@ -20,6 +20,7 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError, require, require_number, require_positive
 from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.lowered import lowered
 from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.law.input_set import InputSet
@@ -135,6 +136,9 @@ def synthesize(
             **({} if timing.immediate else {"gain_limit": cap.limit}),
         },
     )
+    certificate, shares = lowered(certificate)
+    if shares:
+        certificate = replace(certificate, provenance={**certificate.provenance, "lowered_for_rounding": shares})
     certificate.verify()
     return certificate
 

@@ -25,8 +25,10 @@ from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError, refusal, require
 from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.certificate.enclosures import decimal
+from flatsat_ros.certificate.exact import rationals, semidefinite
 from flatsat_ros.certificate.lyapunov import largest_relative_eigenvalue
-from flatsat_ros.certificate.robust import Robust, gathered_disturbance
+from flatsat_ros.certificate.robust import Robust, gathered_disturbance, robust_matrix
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.certificate.sets import Sets
 from flatsat_ros.law.input_set import InputSet
@@ -39,6 +41,12 @@ TOLERANCE = 1e-5
 
 # Significant digits of the share p of a period's growth that is the disturbance's.
 _SHARE_DIGITS = 4
+
+# Shares by which disturbance and rate are taken larger in P, one after the other: what rounding does to P, and more.
+_SHARES = 2.0 ** np.arange(-50.0, -30.0)
+
+# How many times such a share the largest rate gives way, at first.
+_SENSITIVITY = 64.0
 
 # A larger gain may raise the level of the smallest certified set by this factor over that of gain 1.
 _FLOOR_GROWTH = 1.05
@@ -85,13 +93,11 @@ def synthesize_robust(
         raise FlatsatError("drift and push are all 0: a robust certificate needs a disturbance")
     box = largest_box(limits)
     smallest, largest = rate_interval(box, drift, push)
-    if rate is None:
-        rate = max(smallest, round_down(largest))
-    elif not max(smallest, 1e-3) <= rate <= largest:
+    if rate is not None and not max(smallest, 1e-3) <= rate <= largest:
         interval = f"from {max(smallest, 1e-3):.6g} to {largest:.6g} 1/s for this disturbance"
         raise refusal("rate (beta)", rate, "1/s", interval)
+    rate, blocks = _provable(box, drift, push, smallest, largest, rate)
     check = _cross_check(box, drift, push, rate, largest)
-    blocks = closed_form_blocks(rate, drift, push)
     timing = Timing(period)
     sets = robust_sets(limits, timing, blocks, drift, push)
     gain_max, floor, share = _sampled(timing, blocks, drift, push, sets.floor)
@@ -152,6 +158,33 @@ def closed_form_blocks(rate: float, drift: FloatArray, push: FloatArray) -> tupl
         # the inverse of Q, whose determinant is q (q - e2) / beta^2
         blocks.append(np.array([[square * q, rate * q], [rate * q, 2.0 * q - e2]]) / (q * (q - e2)))
     return blocks[0], blocks[1]
+
+
+def _provable(
+    box: FloatArray, drift: FloatArray, push: FloatArray, smallest: float, largest: float, rate: float | None
+) -> tuple[float, tuple[FloatArray, FloatArray]]:
+    """Return beta and the blocks of P of which the decimals satisfy the robust condition, not only before rounding.
+
+    If P is that of beta and E larger by a share s, the left side of the condition is -s (beta Q + E E'/beta).
+
+    Args:
+        box: vbar (2,), m/s^2.
+        drift: (2,) m/s.
+        push: (2,) m/s^2.
+        smallest: beta, 1/s.
+        largest: beta, 1/s.
+        rate: beta, 1/s, that is wanted; None for hardly less than the largest.
+    """
+    exact = rationals(drift), rationals(push), rationals(box)
+    for share in _SHARES.tolist():
+        beta = max(smallest, round_down(largest * (1.0 - _SENSITIVITY * share))) if rate is None else rate
+        blocks = closed_form_blocks(beta * (1.0 + share), drift * (1.0 + share), push * (1.0 + share))
+        if all(
+            semidefinite(-robust_matrix(rationals(block), decimal(beta), e, m)) and decimal(block[1, 1]) <= width**2
+            for block, e, m, width in zip(blocks, *exact, strict=True)
+        ):
+            break
+    return beta, blocks
 
 
 def rate_interval(box: FloatArray, drift: FloatArray, push: FloatArray) -> tuple[float, float]:

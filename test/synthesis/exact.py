@@ -1,7 +1,7 @@
 """The inequalities of a certificate once more, in exact rational arithmetic.
 
-Floats are rationals; sin, cos and exp are enclosed between rationals by their series. A matrix is positive semidefinite
-if the pivots of its LDL' are positive. Tight inequalities get SLACK, relative to what they compare; all others none.
+Floats are the decimals that are written for them; sin, cos and exp are enclosed between rationals by their series. A
+matrix is positive semidefinite if no pivot of its LDL' is negative.
 """
 
 from __future__ import annotations
@@ -15,16 +15,18 @@ import numpy as np
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.robust import Robust
 
-SLACK = Fraction(1, 10**12)
-
 # Half of what the enclosures below may be wide.
 _TINY = Fraction(1, 10**40)
 
 Matrix = list[list[Fraction]]
 
 
+def number(value: float) -> Fraction:
+    return Fraction(repr(float(value)))
+
+
 def rational(array: np.ndarray) -> Matrix:
-    return [[Fraction(float(entry)) for entry in row] for row in np.atleast_2d(array)]
+    return [[number(entry) for entry in row] for row in np.atleast_2d(array)]
 
 
 def product(first: Matrix, *others: Matrix) -> Matrix:
@@ -62,13 +64,15 @@ def inverse(matrix: Matrix) -> Matrix:
     return [row[size:] for row in rows]
 
 
-def positive(matrix: Matrix) -> bool:
-    """Whether all pivots of the symmetric matrix's LDL' are positive."""
+def positive(matrix: Matrix, *, strictly: bool = False) -> bool:
+    """Whether no pivot of the symmetric matrix's LDL' is negative, or all are positive."""
     rows = [list(row) for row in matrix]
     assert rows == transposed(rows)
     for i in range(len(rows)):
-        if rows[i][i] <= 0:
+        if rows[i][i] < 0 or (rows[i][i] == 0 and (strictly or any(rows[i][i:]))):
             return False
+        if rows[i][i] == 0:
+            continue
         for j in range(i + 1, len(rows)):
             factor = rows[j][i] / rows[i][i]
             rows[j] = [a - factor * b for a, b in zip(rows[j], rows[i], strict=True)]
@@ -108,7 +112,7 @@ def exponential(x: Fraction) -> Fraction:
 
 def transition(certificate: Certificate) -> tuple[Matrix, Matrix]:
     """F and G, every entry within 10 _TINY (1 + h + tau)^2 of the truth."""
-    h, tau, d = (Fraction(getattr(certificate, name)) for name in ("period", "lag", "delay"))
+    h, tau, d = (number(getattr(certificate, name)) for name in ("period", "lag", "delay"))
     whole = int(d / h + Fraction(1, 10**9))
     part = d - whole * h if d - whole * h > h / 10**9 else Fraction(0)
 
@@ -141,20 +145,20 @@ def transition(certificate: Certificate) -> tuple[Matrix, Matrix]:
 
 
 def proved(certificate: Certificate) -> dict[str, bool]:
-    """Every inequality of the certificate, and whether it holds with SLACK."""
-    limits, ball, level = certificate.limits, Fraction(certificate.ball), Fraction(certificate.level)
-    g, tilt = Fraction(limits.gravity), Fraction(limits.tilt_max)
-    room = min(g * (sine(tilt) - _TINY), Fraction(limits.thrust_max) - g, g - Fraction(limits.thrust_min))
+    """Every inequality of the certificate, and whether it holds."""
+    limits, ball, level = certificate.limits, number(certificate.ball), number(certificate.level)
+    g, tilt = number(limits.gravity), number(limits.tilt_max)
+    room = min(g * (sine(tilt) - _TINY), number(limits.thrust_max) - g, g - number(limits.thrust_min))
     results = {
-        "ball in V_c": ball <= room**2 * (1 + SLACK),
+        "ball in V_c": ball <= room**2,
         "gains": 0 < certificate.gain_min <= 1 <= certificate.gain_max,
     }
     for axis, (block, loop) in enumerate(zip(certificate.blocks, certificate.loops, strict=True)):
         P, W = rational(block), rational(loop)
         for name, holds in (
-            *_lyapunov(P, Fraction(certificate.rate)),
-            ("level", level * _slope(P, P) <= ball * (1 + SLACK)),
-            ("level of the loop", level * _slope(W, P) <= ball * (1 + SLACK)),
+            *_lyapunov(P, number(certificate.rate)),
+            ("level", level * _slope(P, P) <= ball),
+            ("level of the loop", level * _slope(W, P) <= ball),
             *(_held(certificate, P) if certificate.timing.immediate else _delayed(certificate, P, W)),
         ):
             results[f"{name}, axis {axis}"] = holds
@@ -172,16 +176,16 @@ def _lyapunov(P: Matrix, rate: Fraction) -> Iterator[tuple[str, bool]]:
     A = [[Fraction(0), Fraction(1)], [Fraction(0), Fraction(0)]]
     column = [[P[0][1]], [P[1][1]]]
     terms = (1, product(transposed(A), P)), (1, product(P, A)), (-2, product(column, transposed(column))), (rate, P)
-    yield "P > 0", positive(P)
-    yield "decay", positive(combined((SLACK * rate, P), *((-factor, matrix) for factor, matrix in terms)))
+    yield "P > 0", positive(P, strictly=True)
+    yield "decay", positive(combined(*((-factor, matrix) for factor, matrix in terms)))
 
 
 def _held(certificate: Certificate, P: Matrix) -> Iterator[tuple[str, bool]]:
     """S(t)/t <= 0 within a period, in the Bernstein basis of each of eight pieces."""
-    h, pieces = Fraction(certificate.period), 8
+    h, pieces = number(certificate.period), 8
     A = [[Fraction(0), Fraction(1)], [Fraction(0), Fraction(0)]]
     for name in ("gain_min", "gain_max"):
-        B = [[Fraction(0)] * 2, [Fraction(getattr(certificate, name)) * entry for entry in P[1]]]
+        B = [[Fraction(0)] * 2, [number(getattr(certificate, name)) * entry for entry in P[1]]]
         m1, m2 = combined((1, A), (-1, B)), combined((Fraction(-1, 2), product(A, B)))
         t1, t2 = transposed(m1), transposed(m2)
         powers = [
@@ -199,7 +203,7 @@ def _held(certificate: Certificate, P: Matrix) -> Iterator[tuple[str, bool]]:
             ]
             for i in range(4):
                 terms = [(Fraction(math.comb(i, j), math.comb(3, j)), shifted[j]) for j in range(i + 1)]
-                holds &= positive(combined((SLACK, P), *((-factor, matrix) for factor, matrix in terms)))
+                holds &= positive(combined(*((-factor, matrix) for factor, matrix in terms)))
         yield f"hold at {name}", holds
 
 
@@ -207,13 +211,13 @@ def _delayed(certificate: Certificate, P: Matrix, W: Matrix) -> Iterator[tuple[s
     """W falls, with more left over than the enclosures of F and G can take away."""
     F, G = transition(certificate)
     row = [[*P[1], *[Fraction(0)] * (len(W) - 2)]]
-    yield "W > 0", positive(W)
+    yield "W > 0", positive(W, strictly=True)
     for name in ("gain_min", "gain_max"):
-        gain = Fraction(getattr(certificate, name))
+        gain = number(getattr(certificate, name))
         M = combined((1, F), (-gain, product(G, row)))
         # |M - true M| <= delta entry by entry, so |z'(M'WM - true)z| <= (2 n |M| delta + delta^2 n) n |W| |z|^2
         largest = [max(abs(entry) for line in matrix for entry in line) for matrix in (M, W, row)]
-        times = 1 + Fraction(certificate.period) + Fraction(certificate.lag)
+        times = 1 + number(certificate.period) + number(certificate.lag)
         delta = 10 * _TINY * times**2 * (1 + gain * largest[2])
         left = 3 * len(W) ** 3 * (largest[0] + 1) * delta * largest[1]
         yield (
@@ -223,32 +227,32 @@ def _delayed(certificate: Certificate, P: Matrix, W: Matrix) -> Iterator[tuple[s
 
 
 def _robust(certificate: Certificate, robust: Robust) -> Iterator[tuple[str, bool]]:
-    limits, box = certificate.limits, [Fraction(float(width)) for width in robust.box]
-    g, tilt = Fraction(limits.gravity), Fraction(limits.tilt_max)
+    limits, box = certificate.limits, [number(width) for width in robust.box]
+    g, tilt = number(limits.gravity), number(limits.tilt_max)
     least_tan = (sine(tilt) - _TINY) / (cosine(tilt) + _TINY)
-    yield "box in the cone", 2 * box[0] ** 2 <= (least_tan * (g - box[1])) ** 2 * (1 + SLACK)
-    yield "box in the ball", 2 * box[0] ** 2 + (g + box[1]) ** 2 <= Fraction(limits.thrust_max) ** 2
-    yield "box above the floor", box[1] <= g - Fraction(limits.thrust_min)
+    yield "box in the cone", 2 * box[0] ** 2 <= (least_tan * (g - box[1])) ** 2
+    yield "box in the ball", 2 * box[0] ** 2 + (g + box[1]) ** 2 <= number(limits.thrust_max) ** 2
+    yield "box above the floor", box[1] <= g - number(limits.thrust_min)
     yield "s <= eps", robust.floor <= certificate.level
-    h, rate, share = Fraction(certificate.period), Fraction(robust.rate), Fraction(robust.share)
+    h, rate, share = number(certificate.period), number(robust.rate), number(robust.share)
     A = [[Fraction(0), Fraction(1)], [Fraction(0), Fraction(0)]]
     F, G = transition(certificate)
     assert certificate.timing.immediate
     for axis, block in enumerate(certificate.blocks):
         P = rational(block)
         Q = inverse(P)
-        e, m = Fraction(float(robust.drift[axis])) ** 2, Fraction(float(robust.push[axis])) ** 2
+        e, m = number(robust.drift[axis]) ** 2, number(robust.push[axis]) ** 2
         fixed: Matrix = [[e / rate, Fraction(0)], [Fraction(0), m / rate - 2]]
         terms = (1, product(A, Q)), (1, product(Q, transposed(A))), (rate, Q), (1, fixed)
         yield (
             f"robust, axis {axis}",
-            positive(combined((SLACK * rate, Q), *((-factor, matrix) for factor, matrix in terms))),
+            positive(combined(*((-factor, matrix) for factor, matrix in terms))),
         )
-        yield f"v0 in the box, axis {axis}", P[1][1] <= box[axis] ** 2 * (1 + SLACK)
+        yield f"v0 in the box, axis {axis}", P[1][1] <= box[axis] ** 2
         gathered = [[h * (e * h + m * h**3 / 3), h * m * h**2 / 2], [h * m * h**2 / 2, h * m * h]]
         for name in ("gain_min", "gain_max"):
-            M = combined((1, F), (-Fraction(getattr(certificate, name)), product(G, [P[1]])))
-            grown = (1 / (1 - share), product(M, Q, transposed(M))), (1 / (share * Fraction(robust.floor)), gathered)
+            M = combined((1, F), (-number(getattr(certificate, name)), product(G, [P[1]])))
+            grown = (1 / (1 - share), product(M, Q, transposed(M))), (1 / (share * number(robust.floor)), gathered)
             yield (
                 f"V <= max(V, s) at {name}, axis {axis}",
                 positive(combined((1, Q), *((-factor, matrix) for factor, matrix in grown))),
