@@ -273,5 +273,3 @@ def load_certificate(name_or_path: str | os.PathLike[str]) -> Certificate:
         FlatsatError: there is none, the text lists the names that exist; or as `Certificate.load`.
     """
     return Certificate.load(config_path(name_or_path))
-
-

@@ -16,7 +16,6 @@ from flatsat_ros.law.input_set import InputSet
 # Versions of the file: the second has a flight section.
 FORMATS = (1, 2)
 
-# Relative rounding that a proved inequality may show when it is tight, and a figure that is written twice; far below
 HEADER = """\
 # A flatsat_ros certificate. Written by synthesis, verified on load: edit the inputs, not the figures.
 # limits: thrust_max T_max and thrust_min m/s^2 (normalised by the mass), tilt_max eps_max rad, gravity g m/s^2

@@ -259,7 +259,8 @@ def test_the_exact_check_is_exact() -> None:
         for own, other in zip(exact.transition(timing), timing.transition, strict=True):
             np.testing.assert_allclose(np.array(own, dtype=float), other, rtol=1e-12, atol=1e-15)
     matrix = [[Fraction(2), third], [third, Fraction(1, 18)]]
-    assert not exact.positive(matrix)  # singular
+    assert exact.positive(matrix)
+    assert not exact.positive(matrix, strictly=True)  # singular
     matrix[1][1] += Fraction(1, 10**30)
     assert exact.positive(matrix)
     assert exact.product(matrix, exact.inverse(matrix)) == exact.identity(2)
