@@ -122,15 +122,8 @@ def perform(scenario: Scenario, stage: Stage) -> float:
         stage.let_pass(STANDING_TIME)
         stage.take_off()
         stage.let_pass(GATHER_TIME)
-        stage.send_goals(scenario.gathering)
-        stage.let_pass(CLIMB_TIME - GATHER_TIME - scenario.lead)
-        near, rest = GATHERED if scenario.paper else GATHERED_GENTLY
-        # a plan looks by itself whether its drones are where it begins
-        planned = scenario.plan is not None
-        if not planned and not stage.wait_until(lambda: not stage.away(scenario.gathering, near), LATE):
-            late = ", ".join(stage.away(scenario.gathering, near))
-            raise FlatsatError(f"not within {near:g} m of the first way-point, {LATE:g} s late: {late}")
-        stage.let_pass(rest)
+        if scenario.plan is None:  # which gathers its drones by itself
+            _gather(scenario, stage)
         start = stage.send_trajectories(scenario.swaps, scenario.lead)
         stage.describe("swapping")
         stage.let_pass(scenario.lead + scenario.duration)
@@ -139,3 +132,18 @@ def perform(scenario: Scenario, stage: Stage) -> float:
         stage.land()
         stage.wait_until(lambda: not stage.in_use(), LANDING_LATEST)
     return start
+
+
+def _gather(scenario: Scenario, stage: Stage) -> None:
+    """Let all drones go to their first way-points.
+
+    Raises:
+        FlatsatError: they did not arrive there in time.
+    """
+    stage.send_goals(scenario.gathering)
+    stage.let_pass(CLIMB_TIME - GATHER_TIME - scenario.lead)
+    near, rest = GATHERED if scenario.paper else GATHERED_GENTLY
+    if not stage.wait_until(lambda: not stage.away(scenario.gathering, near), LATE):
+        late = ", ".join(stage.away(scenario.gathering, near))
+        raise FlatsatError(f"not within {near:g} m of the first way-point, {LATE:g} s late: {late}")
+    stage.let_pass(rest)

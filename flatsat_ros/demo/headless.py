@@ -10,7 +10,7 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint, input_from_setpoint
-from flatsat_ros.demo.choreography import LATE, Stage, perform
+from flatsat_ros.demo.choreography import Stage, perform
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
 from flatsat_ros.demo.scenario import GAMMA_0, LINK_DELAY, MU, POSE_NOISE, V_INF, VEHICLE, Scenario, record_of
 from flatsat_ros.flight import telemetry
@@ -19,7 +19,7 @@ from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
-from flatsat_ros.plans.performance import Performance, Phase
+from flatsat_ros.plans.performance import PATIENCE, Performance, Phase
 from flatsat_ros.sim.closed_loop import Observer
 from flatsat_ros.sim.closed_loop import fly as fly_simulated
 from flatsat_ros.sim.dynamics import Wind
@@ -132,8 +132,8 @@ class _Simulation(Stage):
         plan = self._performance
         if plan is not None:
             plan.start(self.now())
-            if not self.wait_until(lambda: plan.phase is Phase.FLYING, LATE):
-                raise FlatsatError(f"the plan does not begin within {LATE:g} s: drones are not within their tubes")
+            if not self.wait_until(lambda: plan.phase is Phase.FLYING, PATIENCE):
+                raise FlatsatError(f"the plan does not begin within {PATIENCE:g} s: drones are not within their tubes")
             return plan.origin
         start = self.now() + lead
         for i, trajectory in enumerate(trajectories):

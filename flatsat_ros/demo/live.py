@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.vehicle import load_vehicle
-from flatsat_ros.demo.choreography import LATE, Stage, perform
+from flatsat_ros.demo.choreography import Stage, perform
 from flatsat_ros.demo.processes import Nodes, command_of, commands_of, require_alive, running
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
 from flatsat_ros.demo.scenario import VEHICLE, Scenario, record_of
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.trajectory import Trajectory
+from flatsat_ros.plans.performance import PATIENCE
 
 if TYPE_CHECKING:
     from flatsat_ros.nodes.conductor import Conductor
@@ -60,12 +61,14 @@ def fly(scenario: Scenario, folder: Path, *, console: bool = False) -> FlightRec
         console: serve the page that shows the drones, and wait a moment before the take-off for people to open it.
 
     Raises:
-        FlatsatError: the nodes did not find each other, one died, another demo is running, the controller refused to
-            arm, take off or land, or a drone did not arrive at its first way-point.
+        FlatsatError: a robot's name is none in ROS, the nodes did not find each other, one died, another demo is
+            running, the controller refused to arm, take off or land, or a drone did not arrive at its first way-point.
     """
     from flatsat_ros.nodes.conductor import Conductor, conducting
     from flatsat_ros.nodes.ros.bag import write_bag
+    from flatsat_ros.nodes.ros.parameters import require_robot_names
 
+    require_robot_names(scenario.robots)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     vehicle = load_vehicle(VEHICLE)
     with conducting(scenario.robots, NAMESPACE, Conductor) as conductor:
@@ -211,8 +214,8 @@ class Live(Stage):
             if not self.wait_until(answer.done, _ANSWER) or self._conductor.refusal(answer):
                 text = self._conductor.refusal(answer) if answer.done() else f"no answer after {_ANSWER:g} s"
                 raise FlatsatError(f"the plan is not started: {text}")
-            if not self.wait_until(lambda: self._conductor.plan_began() is not None, LATE):
-                raise FlatsatError(f"the plan does not begin within {LATE:g} s: drones are not within their tubes")
+            if not self.wait_until(lambda: self._conductor.plan_began() is not None, PATIENCE):
+                raise FlatsatError(f"the plan does not begin within {PATIENCE:g} s: drones are not within their tubes")
             return self._conductor.seconds(self._conductor.plan_began() or 0)
         start = self._conductor.now() + round(lead * 1e9)
         for i, trajectory in enumerate(trajectories):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import sys
@@ -30,7 +31,7 @@ def commands_of(scenario: Scenario, namespace: str) -> dict[str, list[str]]:
             "controller_node",
             namespace,
             {
-                "robot_names": f"[{','.join(scenario.robots)}]",
+                "robot_names": json.dumps(scenario.robots),
                 "certificate": str(scenario.certificate_path.resolve()),
                 "vehicle": VEHICLE,
                 "mu": repr(MU),
@@ -54,7 +55,7 @@ def commands_of(scenario: Scenario, namespace: str) -> dict[str, list[str]]:
             "sim_drone",
             namespace,
             {
-                "robot_names": f"[{','.join(robots)}]",
+                "robot_names": json.dumps(robots),
                 "vehicle": VEHICLE,
                 "dynamics": scenario.dynamics,
                 "start_positions": str(scenario.start[members].ravel().tolist()),

@@ -262,9 +262,9 @@ def table(summary: Mapping[str, Any], limits: InputSet) -> str:
         name, share = max(plan["tube_share_max"].items(), key=lambda each: each[1])
         lines.append(f"plan {plan['name']}: at most {share:.2f} of a tube used, by {name}")
         if plan["pairs"]:
-            nearest = min(plan["pairs"], key=lambda pair: pair["measured_m"] - pair["certified_m"])
+            nearest = min(plan["pairs"], key=lambda pair: pair["measured_m"])
             lines.append(
-                f"nearest to what is proved: {nearest['first']} and {nearest['second']}, {nearest['measured_m']:.3f} m "
-                f"apart, proved {nearest['certified_m']:.3f} m"
+                f"nearest: {nearest['first']} and {nearest['second']}, {nearest['measured_m']:.3f} m apart, proved "
+                f"{nearest['certified_m']:.3f} m"
             )
     return "\n".join(lines)

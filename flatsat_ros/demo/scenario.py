@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, Certificate,
 from flatsat_ros.crazyflie.fit import require_fit
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
+from flatsat_ros.flight.path import Box
 from flatsat_ros.flight.policy import GoalMode, Policy
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.plans.prepared import PreparedPlan
@@ -146,8 +148,8 @@ def planned(path: Path, wind: float = 0.0) -> Scenario:
         wind: steady, along x, m/s.
 
     Raises:
-        FlatsatError: the plan does not hold, is for another certificate, or its drones would stand too near to each
-            other on the floor; or the wind is more than the certificate assumes.
+        FlatsatError: the plan does not hold, is for another certificate, leaves the room, or its drones would stand too
+            near to each other on the floor; or the wind is more than the certificate assumes.
     """
     certificate, certificate_path = default_certificate()
     dynamics = load_vehicle(VEHICLE).dynamics
@@ -159,17 +161,42 @@ def planned(path: Path, wind: float = 0.0) -> Scenario:
     robots = list(prepared.references)
     swaps = [prepared.references[robot] for robot in robots]
     gathering = np.array([swap.sample(0.0)[:3] for swap in swaps])
+    policy = Policy(disturbance_max=DISTURBANCE_MAX, thrust_error_max=THRUST_ERROR_MAX, drag=dynamics.drag_z)
+    _require_inside(policy.box, robots, swaps)
     start = gathering * (1.0, 1.0, 0.0)
-    for (i, one), (j, other) in itertools.combinations(enumerate(start), 2):
+    _require_room_on_the_floor("first", robots, gathering)
+    _require_room_on_the_floor("last", robots, np.array([swap.end for swap in swaps]))
+    return Scenario(
+        robots, start, gathering, swaps, certificate, certificate_path, "identified", policy, False, prepared, path,
+        wind,
+    )  # fmt: skip
+
+
+def _require_inside(room: Box, robots: Sequence[str], paths: Sequence[Trajectory]) -> None:
+    """Refuse references that leave the room.
+
+    Raises:
+        FlatsatError: one does; the text names its drone and the side.
+    """
+    for robot, path in zip(robots, paths, strict=True):
+        for corner in path.bounds():
+            for axis, value, low, high in zip("xyz", corner.tolist(), room.low, room.high, strict=True):
+                if not low <= value <= high:
+                    valid = f"from {low:g} to {high:g} m, in the room of the demo"
+                    raise refusal(f"{axis} of the reference of {robot}", round(value, 3), "m", valid)
+
+
+def _require_room_on_the_floor(which: str, robots: Sequence[str], points: FloatArray) -> None:
+    """Refuse drones that would stand too near to each other below points (N, 3), m.
+
+    Raises:
+        FlatsatError: two of them would; the text names them.
+    """
+    for (i, one), (j, other) in itertools.combinations(enumerate(points[:, :2]), 2):
         apart = float(np.linalg.norm(one - other))
         if apart < _FLOOR_DISTANCE:
-            what = f"distance of {robots[i]} and {robots[j]} on the floor below their first points"
-            raise refusal(what, round(apart, 3), "m", f"at least {_FLOOR_DISTANCE:g} m, to take off")
-    return Scenario(
-        robots, start, gathering, swaps, certificate, certificate_path, "identified",
-        Policy(disturbance_max=DISTURBANCE_MAX, thrust_error_max=THRUST_ERROR_MAX, drag=dynamics.drag_z), False,
-        prepared, path, wind,
-    )  # fmt: skip
+            what = f"distance of {robots[i]} and {robots[j]} on the floor below their {which} points"
+            raise refusal(what, round(apart, 3), "m", f"at least {_FLOOR_DISTANCE:g} m, to take off and land")
 
 
 def default_certificate() -> tuple[Certificate, Path]:

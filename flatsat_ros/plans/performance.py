@@ -27,7 +27,7 @@ _PER_TICK = 1
 # s, from the last of them to the time from which they differ from what was flown before
 _LEAD = 0.3
 # s, for which all must have been at their places, and for which they may take to get there
-_SETTLED, _PATIENCE = 0.5, 60.0
+_SETTLED, PATIENCE = 0.5, 60.0
 # goals that were given up or refused are sent again after so long, s; those that differ by less, m, are the same
 _AGAIN, _SAME = 1.0, 1e-6
 # between two looks who is in its tube, s; outside it for so long, s, all stand still
@@ -178,7 +178,7 @@ class Performance:
                 faults.append(f"{self._names[index]}: {error}")
         if faults:
             raise FlatsatError("; ".join(faults))
-        self.phase, self._until, self._settled, self._sent = Phase.GATHERING, now + _PATIENCE, math.inf, -math.inf
+        self.phase, self._until, self._settled, self._sent = Phase.GATHERING, now + PATIENCE, math.inf, -math.inf
         self._lands = False
         away = [index for index in self._indices if not self._is_there(index)]
         self._send(now, away)
@@ -224,7 +224,7 @@ class Performance:
         elif now >= self._until:
             reasons = (f"{self._names[i]} ({self._refused.get(i, 'not within its tube')})" for i in missing)
             names = ", ".join(reasons)
-            self._tell(f"the plan does not begin: after {_PATIENCE:g} s not at their places: {names}; all hold")
+            self._tell(f"the plan does not begin: after {PATIENCE:g} s not at their places: {names}; all hold")
             self.phase = Phase.ABORTED if self._progress == 0.0 else Phase.PAUSED
         else:
             self._send(now, missing)

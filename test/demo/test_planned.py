@@ -41,7 +41,7 @@ def save(path: Path, *places: tuple[float, float, float]) -> Path:
     tube: Tube = certified_tube(CERTIFICATE.flight, jerk, snap, 2.0)
     curves = [Curve.rounded([750_000 * i for i in range(9)], np.array(place) + moved) for place in places]
     drones = [PlannedDrone(f"cf{i}", curve, 0.1, tube) for i, curve in enumerate(curves, 1)]
-    bounds = Bounds(margin, jerk, snap, np.array([-1.0, -1.0, 0.0]), np.array([3.0, 1.0, 3.0]))
+    bounds = Bounds(margin, jerk, snap, np.array([-1.0, -1.0, 0.0]), np.array([30.0, 1.0, 3.0]))
     Plan.of(drones, name="b", certificate=CERTIFICATE.name, limits=CERTIFICATE.limits, bounds=bounds).save(path)
     return path
 
@@ -112,5 +112,11 @@ def test_wind_that_the_certificate_does_not_assume_is_refused(wind: float, tmp_p
 
 def test_drones_that_would_stand_too_near_to_each_other_are_named(tmp_path: Path) -> None:
     path = save(tmp_path / "plan.yaml", (0.0, 0.0, 0.6), (0.1, 0.0, 2.0))
-    with pytest.raises(FlatsatError, match=r"distance of cf1 and cf2 on the floor below .* = 0.1 m: must be"):
+    with pytest.raises(FlatsatError, match=r"distance of cf1 and cf2 on the floor below their first .* = 0.1 m: must"):
+        planned(path)
+
+
+def test_a_plan_that_leaves_the_room_is_refused_before_anything_flies(tmp_path: Path) -> None:
+    path = save(tmp_path / "plan.yaml", (0.0, 0.0, 0.6), (25.0, 0.0, 0.6))
+    with pytest.raises(FlatsatError, match=r"x of the reference of cf2 = 25\.0 m: must be from -20 to 20 m"):
         planned(path)
