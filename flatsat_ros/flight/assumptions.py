@@ -217,17 +217,15 @@ class Monitors:
                 self._outside = np.zeros(self._count)
             return
         sizes, self.quiet = np.sqrt(squares), False
-        self.lost = sizes[:, 3].max(axis=1) > _LOST
+        self.lost = np.maximum(sizes[:, 3, 0], sizes[:, 3, 1]) > _LOST
         gain, demand = np.maximum(seen.gain, _TINY), self._references.demand
         if jumped is not None:
             demand = np.where(jumped, np.inf, demand)
         self._sizes = sizes[:, :3]
-        self._values = np.column_stack(
-            [
-                seen.age, np.full(self._count, even), sizes[:, 3], np.sqrt(squares[:, 4].sum(axis=1)), sizes[:, 5],
-                demand, gain, 1.0 / gain, self._lateness.excess,
-            ]
-        )  # fmt: skip
+        values = self._values
+        values[:, 0], values[:, 1], values[:, 2:4] = seen.age, even, sizes[:, 3]
+        values[:, 4], values[:, 5:7] = np.sqrt(squares[:, 4, 0] + squares[:, 4, 1]), sizes[:, 5]
+        values[:, 7], values[:, 8], values[:, 9], values[:, 10] = demand, gain, 1.0 / gain, self._lateness.excess
         self._judge(now, flying, self._sizes, self._values > self._bounds)
 
     def _jumped(self, reference: FloatArray) -> np.ndarray | None:

@@ -14,8 +14,9 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from itertools import chain, pairwise
+from itertools import pairwise
 from operator import attrgetter
+from struct import Struct
 
 import numpy as np
 
@@ -47,7 +48,7 @@ _NEAR_AGAIN, _AGAIN_TIME = 0.25, 1.0
 # silence (s) after which the old velocity says nothing any more: no estimate predicts further
 PREDICTION_MAX = 0.5
 
-_MEAN = attrgetter("mean")
+_PACK, _PACKED = Struct("9d").pack, attrgetter("packed")
 
 
 class Estimator:
@@ -160,15 +161,13 @@ class Estimator:
         Returns:
             Position (m), velocity (m/s) and disturbance (m/s^2): what accelerates the drones beside the commands.
         """
-        count = len(self._filters)
-        means = chain.from_iterable(map(_MEAN, self._filters))
-        state = np.fromiter(means, np.float64, 9 * count).reshape(count, 9)
+        state = np.frombuffer(bytearray().join(map(_PACKED, self._filters))).reshape(-1, 9)
         position, velocity = state[:, 0:3], state[:, 3:6]
         measured = np.minimum(np.maximum(self.newest, now - PREDICTION_MAX), now)[:, np.newaxis]
         elapsed = now - measured
-        pull = state[:, 6:9] + self._commands[-1][1]
-        position += elapsed * (velocity + elapsed / 2.0 * pull)
-        velocity += elapsed * pull
+        gain = elapsed * (state[:, 6:9] + self._commands[-1][1])  # of velocity
+        position += elapsed * (velocity + 0.5 * gain)
+        velocity += gain
         # what earlier commands did otherwise, from the measurements to their ends
         oldest = float(measured.min())
         for (end, after, _), (_, before, _) in pairwise(reversed(self._commands)):
@@ -241,20 +240,21 @@ class _Filter:
     """The Kalman filter of one drone.
 
     Attributes:
-        mean: position, velocity, disturbance: nine floats, m, m/s, m/s^2.
+        mean: position, velocity, disturbance: nine floats, m, m/s, m/s^2; and `packed`, as bytes.
         c00, c01, c02, c11, c12, c22: covariance of (p, pdot, d), the same for each axis.
         jumps: number of jumps since the last position that was none.
         doubted: its poses have jumped as no motion does, and have not come back since.
     """
 
-    __slots__ = ("c00", "c01", "c02", "c11", "c12", "c22", "doubted", "jumps", "mean")
+    __slots__ = ("c00", "c01", "c02", "c11", "c12", "c22", "doubted", "jumps", "mean", "packed")
 
     def __init__(self) -> None:
         self.restart((0.0, 0.0, 0.0))
 
     def restart(self, position: Sequence[float]) -> None:
         """Begin anew at a measured position, at rest but not sure of it."""
-        self.mean = [*position, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+        self.mean = *position, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        self.packed = _PACK(*self.mean)
         self.c00, self.c11, self.c22 = _POSITION_NOISE**2, _START_VELOCITY**2, _START_DISTURBANCE**2
         self.c01 = self.c02 = self.c12 = 0.0
         self.jumps, self.doubted = 0, False
@@ -291,19 +291,22 @@ class _Filter:
         c22 = self.c22 + r * t
 
         variance = c00 + _POSITION_NOISE**2
-        mean = self.mean
-        predicted = [mean[i] + t * mean[i + 3] + half * mean[i + 6] + shift[i] for i in (0, 1, 2)]
-        innovation = [position[i] - predicted[i] for i in (0, 1, 2)]
-        jump = math.hypot(*innovation) - _GATE_DEVIATIONS * math.sqrt(variance) - _GATE_DISTANCE
+        x, y, z, vx, vy, vz, dx, dy, dz = self.mean
+        x = x + t * vx + half * dx + shift[0]
+        y = y + t * vy + half * dy + shift[1]
+        z = z + t * vz + half * dz + shift[2]
+        ix, iy, iz = position[0] - x, position[1] - y, position[2] - z
+        jump = math.hypot(ix, iy, iz) - _GATE_DEVIATIONS * math.sqrt(variance) - _GATE_DISTANCE
         if jump > 0.0:
             self.jumps += 1
             return jump
         w0, w1, w2 = c00 / variance, c01 / variance, c02 / variance
-        self.mean = [
-            *(predicted[i] + w0 * innovation[i] for i in (0, 1, 2)),
-            *(mean[i + 3] + t * mean[i + 6] + push[i] + w1 * innovation[i] for i in (0, 1, 2)),
-            *(mean[i + 6] + w2 * innovation[i] for i in (0, 1, 2)),
-        ]
+        self.mean = (
+            x + w0 * ix, y + w0 * iy, z + w0 * iz,
+            vx + t * dx + push[0] + w1 * ix, vy + t * dy + push[1] + w1 * iy, vz + t * dz + push[2] + w1 * iz,
+            dx + w2 * ix, dy + w2 * iy, dz + w2 * iz,
+        )  # fmt: skip
+        self.packed = _PACK(*self.mean)
         self.c00, self.c01, self.c02 = c00 - w0 * c00, c01 - w0 * c01, c02 - w0 * c02
         self.c11, self.c12, self.c22 = c11 - w1 * c01, c12 - w1 * c02, c22 - w2 * c02
         self.jumps, self.doubted = 0, False

@@ -56,12 +56,14 @@ class Lateness:
         self._middle, self.bound = (low + high) / 2.0, (high - low) / 2.0
         self._period, self._count = design.period, count
         self._drag = 0.0 if design.model.drag + design.model.tilt else _DRAG
-        length = round(_WINDOW / design.period)
-        answer = _answer(design.period, design.observer, length)
-        lags = np.arange(length)[:, np.newaxis] - np.arange(length)
-        self._filter = np.where(lags >= 0, answer[np.abs(lags)], 0.0)
-        self._seen = np.zeros((3, length, count, 2))  # innovation, m, acceleration of the model, m/s^2, velocity, m/s
-        self._ticks, self._every = 0, round(_EVERY / design.period)
+        self._length = round(_EVERY / design.period)  # of a part of the window, in ticks
+        self._move, self._answer, self._enter = _filter(design.period, design.observer, self._length)
+        self._steady, self._ticks = np.ones(count, dtype=bool), 0
+        # of this part: innovation, m, acceleration of the model, m/s^2, velocity, m/s; and the acceleration before it
+        self._seen, self._before = np.zeros((3, self._length, count, 2)), np.zeros((count, 2))
+        self._states = np.zeros((2, 3, count, 2))  # of the filter, for changes of the acceleration and for drag
+        # sums over the parts of the window, newest last, of a^2, i a, i^2 and s a
+        self._sums = np.zeros((round(_WINDOW / _EVERY), 4, count))
         self.excess = np.zeros(count)
 
     def note(self, seen: Seen, steady: np.ndarray) -> bool:
@@ -71,30 +73,54 @@ class Lateness:
             seen: at it.
             steady: (N,) who is steered, and whose estimate is settled; others begin anew.
         """
-        place, kept = self._ticks % self._seen.shape[1], self._seen
+        place, kept = self._ticks % self._length, self._seen
         kept[0, place], kept[1, place] = seen.innovation[:, :2], seen.acceleration[:, :2]
         if self._drag > 0.0:
             kept[2, place] = seen.error[:, 3:5] + seen.reference[:, 3:5]
         if np.count_nonzero(steady) < self._count:
-            kept[:, :, ~steady] = 0.0
+            kept[:, place, ~steady] = 0.0
+            ends = self._steady & ~steady
+            if np.count_nonzero(ends):
+                for array in (kept, self._states):
+                    array[:, :, ends] = 0.0
+                self._sums[:, :, ends], self._before[ends] = 0.0, 0.0
+        self._steady = steady
         self._ticks += 1
-        if self._ticks % self._every or not np.count_nonzero(steady):
+        if self._ticks % self._length:
+            return False
+        self._take()
+        if not np.count_nonzero(steady):
             return False
         self._fit()
         return True
 
-    def _fit(self) -> None:
-        innovation, acceleration, velocity = np.roll(self._seen, -self._ticks % self._seen.shape[1], axis=1)
-        before = np.roll(acceleration, 1, axis=0)
-        before[0] = 0.0
+    def _take(self) -> None:
+        """Add the part of the window that is full to the sums."""
+        innovation, acceleration, velocity = self._seen.reshape(3, self._length, -1)
+        before = np.concatenate([self._before.reshape(1, -1), acceleration[:-1]])
+        self._before = acceleration[-1].reshape(-1, 2).copy()
         changes = np.where(before != 0.0, acceleration - before, 0.0) / self._period  # 0 where nothing was seen
-        makes = np.stack([-changes, velocity], axis=1)
-        answers, slowed = np.moveaxis((self._filter @ makes.reshape(len(makes), -1)).reshape(makes.shape), 1, 0)
-        power = (answers * answers).sum(axis=(0, 2)) + _TINY
-        late = (innovation * answers).sum(axis=(0, 2)) / power
-        left = innovation - late[:, np.newaxis] * answers
-        deviation = np.sqrt((left * left).mean(axis=(0, 2)) / power)
-        alike = self._drag * np.abs((slowed * answers).sum(axis=(0, 2))) / power
+        answers = self._answered(0, -changes)
+        slowed = self._answered(1, velocity) if self._drag > 0.0 else velocity
+        products = answers * answers, innovation * answers, innovation * innovation, slowed * answers
+        self._sums[:-1] = self._sums[1:]
+        self._sums[-1] = [product.sum(axis=0).reshape(-1, 2).sum(axis=1) for product in products]
+
+    def _answered(self, kind: int, inputs: FloatArray) -> FloatArray:
+        """Return the innovations, m, that inputs (length, 2 N), m/s^2, make, and move the filter of a kind on."""
+        moved = self._enter @ inputs
+        state = self._states[kind].reshape(3, -1)
+        answers = self._answer @ state + moved[3:]
+        self._states[kind] = (self._move @ state + moved[:3]).reshape(3, -1, 2)
+        return np.asarray(answers)
+
+    def _fit(self) -> None:
+        power, common, squares, alike = self._sums.sum(axis=0)
+        power = power + _TINY
+        late = common / power
+        left = np.maximum(squares - late * common, 0.0) / (self._length * len(self._sums) * 2)  # mean square, m^2
+        deviation = np.sqrt(left / power)
+        alike = self._drag * np.abs(alike) / power
         excess = np.maximum(np.abs(late - self._middle) - _SURE * deviation - alike, 0.0)
         told = (power > 2.0 * _TINY) & (deviation < _LOOSE * self.bound)
         self.excess = np.where(told, excess, 0.0)
@@ -108,12 +134,21 @@ def _leads(box: Box) -> tuple[float, float]:
     return low.lag, high.lag
 
 
-def _answer(period: float, observer: tuple[float, float, float], length: int) -> FloatArray:
-    """Return (length,) innovations, m, after a period with a unit of acceleration, m/s^2, that the model has not."""
-    h, state = period, np.array([period * period / 2.0, period, 0.0])
+def _filter(
+    period: float, observer: tuple[float, float, float], length: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what makes innovations, m, of accelerations, m/s^2, that the model has not, over some ticks.
+
+    Returns:
+        From the filter's state (3,) before them to that after them, (3, 3), and to the innovations, (length, 3); from
+        the accelerations to the state and the innovations, (3 + length, length).
+    """
+    h, entry = period, np.array([period * period / 2.0, period, 0.0])
     F = np.array([[1.0, h, h * h / 2.0], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
-    found = []
-    for _ in range(length):
-        found.append(state[0])
-        state = F @ (state - np.array(observer) * state[0])
-    return np.array(found)
+    step = F @ (np.eye(3) - np.outer(observer, [1.0, 0.0, 0.0]))
+    states = [np.linalg.matrix_power(step, number) for number in range(length + 1)]
+    lags = np.arange(length)[:, np.newaxis] - np.arange(length)
+    kicks = np.array([state[0] @ entry for state in states[:length]])
+    kept = np.stack([state @ entry for state in reversed(states[:length])], axis=1)
+    enter = np.concatenate([kept, np.where(lags >= 0, kicks[np.abs(lags)], 0.0)])
+    return states[length], np.array([state[0] for state in states[1:]]), enter

@@ -261,8 +261,11 @@ class PredictedLoop(Loop):
 def _shortened(estimate: FloatArray, most: FloatArray, flying: np.ndarray) -> tuple[FloatArray, FloatArray]:
     """Return disturbances (N, 3), m/s^2, shortened to what may be compensated, and their sizes; 0 if not steered."""
     size = np.sqrt((estimate * estimate) @ _SUM)
+    steady = np.count_nonzero(flying) == flying.size
+    if steady and not np.count_nonzero(size > most):
+        return np.array(estimate), size
     spent = np.minimum(size, most)
-    if np.count_nonzero(flying) < flying.size:
+    if not steady:
         spent = np.where(flying, spent, 0.0)
     return estimate * (spent / np.maximum(size, _TINY))[:, np.newaxis], spent
 

@@ -44,4 +44,6 @@ class YawControl:
 
 def _wrapped(angle: FloatArray) -> FloatArray:
     """Return the same angles in [-pi, pi]."""
+    if not np.count_nonzero(np.abs(angle) > np.pi):
+        return angle
     return np.asarray(angle - _TURN * np.rint(angle / _TURN))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -17,10 +19,10 @@ FLYING = Certificate.from_document(read_yaml(config_path("cf21_tight_50hz"))).fl
 PERIOD = 0.02
 
 
-def seen(late: float, noise: float, seed: int) -> Lateness:
-    """Return the fit after 6 s of a motion in which one drone is late, and another one stands still."""
+def looks(late: float, noise: float, seed: int) -> Iterator[Seen]:
+    """Yield 6 s of a motion in which one drone is late, and another one stands still."""
     assert FLYING is not None
-    lateness, random = Lateness(FLYING.horizontal, 2), np.random.default_rng(seed)
+    random = np.random.default_rng(seed)
     h, observer = PERIOD, np.array(FLYING.horizontal.design.observer)
     F = np.array([[1.0, h, h * h / 2.0], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
     error = np.zeros((3, 2))  # of position, velocity and disturbance, in x and in y
@@ -33,13 +35,20 @@ def seen(late: float, noise: float, seed: int) -> Lateness:
         shown[0, :, :2], shown[0, 1, :2] = innovation, noise * random.standard_normal(2)
         shown[1, 0, :2], shown[2, 0, 3:5] = acceleration, velocity
         rows, none = np.zeros((2, 3)), np.zeros(2)
-        look = Seen(shown[3, :, :6], shown[2], none, shown[0, :, :3], rows, none, rows, shown[1, :, :3])
-        lateness.note(look, np.array([True, True]))
+        yield Seen(shown[3, :, :6], shown[2], none, shown[0, :, :3], rows, none, rows, shown[1, :, :3])
         # the late drone has the acceleration of some time ago
         ago = np.array([0.8 * np.sin(1.5 * (t + h / 2 - late)), 0.6 * np.cos(1.1 * (t + h / 2 - late))])
         now = np.array([0.8 * np.sin(1.5 * (t + h / 2)), 0.6 * np.cos(1.1 * (t + h / 2))])
         error = F @ (error - np.outer(observer, innovation))
         error += np.outer([h * h / 2.0, h, 0.0], ago - now)
+
+
+def seen(late: float, noise: float, seed: int) -> Lateness:
+    """Return the fit after `looks`."""
+    assert FLYING is not None
+    lateness = Lateness(FLYING.horizontal, 2)
+    for look in looks(late, noise, seed):
+        lateness.note(look, np.array([True, True]))
     return lateness
 
 
@@ -65,3 +74,19 @@ def test_noise_is_no_lateness_and_hides_none_that_is_large() -> None:
         assert calm.excess.max() <= calm.bound
         assert late.excess[0] > late.bound
         assert late.excess[1] == 0.0
+
+
+@given(begin=st.integers(1, 100), length=st.integers(1, 60))
+@settings(max_examples=10)
+def test_who_was_not_steered_begins_anew_and_disturbs_nobody(begin: int, length: int) -> None:
+    assert FLYING is not None
+    both, other, late = (Lateness(FLYING.horizontal, 2) for _ in range(3))
+    for tick, look in enumerate(looks(0.12, 3e-4, 1)):
+        paused = begin <= tick < begin + length
+        both.note(look, np.array([not paused, True]))
+        other.note(look, np.array([True, True]))
+        late.note(look, np.array([tick >= begin + length, False]))
+    assert other.excess[0] > 0.0
+    assert both.excess[1] == other.excess[1]
+    assert both.excess[0] == pytest.approx(late.excess[0], abs=1e-12)
+    assert both.excess[0] != other.excess[0]
