@@ -70,6 +70,11 @@ def _parser() -> shell.Parser:
         ("seconds", "S", f"how long to search (default: {_SECONDS:g}); the best plan by then, or by Ctrl-C, is kept"),
     ):
         wishes.add_argument(f"--{option}", type=float, metavar=unit, help=text)
+    wishes.add_argument(
+        "--laps", type=int, metavar="N",
+        help="fly way-points that end where they begin N times without a stop (default: the mission's, else from rest "
+        "to rest)",
+    )  # fmt: skip
     parser.add_argument("--trade", action="store_true", help="only show how tube and duration depend on the jerk")
     parser.add_argument("--force", action="store_true", help="overwrite the output")
     return parser
@@ -112,7 +117,7 @@ def _plan(arguments: argparse.Namespace) -> None:
         shell.require_new(output, arguments.force)
     elif arguments.force:
         raise FlatsatError("--force overwrites the output; without --output none is written")
-    options = ("tube", "margin", "jerk_max", "snap_max", "speed_max", "clearance", "floor")
+    options = ("tube", "margin", "jerk_max", "snap_max", "speed_max", "clearance", "floor", "laps")
     given = {name: getattr(arguments, name) for name in options if getattr(arguments, name) is not None}
     certificate = load_certificate(arguments.certificate or FLIGHT_CERTIFICATE)
     name = (output or arguments.file).stem
@@ -150,8 +155,13 @@ def tell_round(proved: Round) -> None:
 
 def _tell(plan: Plan) -> None:
     """Print duration, limits and the nearest pairs of a plan."""
-    bounds = plan.bounds
-    print(f"  {len(plan.drones)} drones, {plan.duration:.3f} s" if len(plan.drones) > 1 else f"  {plan.duration:.3f} s")
+    bounds, laps = plan.bounds, plan.laps
+    of = (
+        ""
+        if laps is None
+        else f", {laps.count} laps of {plan.drones[0].curve.duration:.3f} s, {laps.ramp:g} s to set out"
+    )
+    print(f"  {f'{len(plan.drones)} drones, ' if len(plan.drones) > 1 else ''}{plan.duration:.3f} s{of}")
     speed = "" if bounds.speed_max is None else f", speed at most {bounds.speed_max:g} m/s"
     if bounds.acceleration_max is not None:
         speed += f", acceleration at most {bounds.acceleration_max:.4g} m/s^2"

@@ -80,9 +80,7 @@ def attack(plan: Plan, certificate: Certificate, seed: int) -> Attack:
     require_fit(certificate, vehicle, _LINK_DELAY, "the simulated drones")
     random = np.random.default_rng(seed)
     copies = max(1, _DRONES // len(plan.drones))
-    paths = [
-        _moved(drone.curve.trajectory(drone.yaw), copy * _BESIDE) for copy in range(copies) for drone in plan.drones
-    ]
+    paths = [_moved(plan.trajectory(drone.name), copy * _BESIDE) for copy in range(copies) for drone in plan.drones]
     gains = flight.vertical.box.low.gain, flight.vertical.box.high.gain
     fleet = SimulatedFleet(
         vehicle,

@@ -61,12 +61,12 @@ def rounds(mission: Mission, late: Callable[[], bool]) -> Iterator[Round]:
 def _alone(mission: Mission) -> Round:
     """Return the shortest reference of one drone, as smooth as that duration allows."""
     (drone,) = mission.drones
-    found = shortest_legs(drone, mission.limits, mission.bounds)
+    found = shortest_legs(drone, mission.limits, mission.bounds, closed=mission.is_closed)
     if found is None:
         raise _no_way(drone.name, mission)
     legs, bound = found
     for factor in _RELAXED:
-        shapes = shapes_of(factor * legs)
+        shapes = shapes_of(factor * legs, closed=mission.is_closed)
         points = smoothest(shapes, drone, float(shapes.lengths.sum()) / 1e6, mission.limits, mission.bounds)
         if points is not None:
             curves = (_curve(shapes, points, 1),)
@@ -79,20 +79,22 @@ def _timed(mission: Mission, late: Callable[[], bool]) -> Round:
     """Return references that pass the way-points at the given times."""
     assert mission.times is not None
     legs = np.diff(mission.times)
-    shapes = shapes_of(legs, _LEG) if len(mission.drones) > 1 or mission.obstacles else shapes_of(legs)
+    alone = len(mission.drones) == 1 and not mission.obstacles
+    closed = mission.is_closed
+    shapes = shapes_of(legs, closed=closed) if alone else shapes_of(legs, _LEG, closed=closed)
     duration = float(shapes.lengths.sum()) / 1e6
     for drone in mission.drones:
-        alone = shortest(shapes, drone, mission.limits, mission.bounds)
-        if alone is None:
+        own = shortest(shapes, drone, mission.limits, mission.bounds)
+        if own is None:
             raise _no_way(drone.name, mission)
-        if alone[1] > duration:
-            factor = math.ceil(1e3 * _RELAXED[0] * alone[1] / duration) / 1e3
+        if own[1] > duration:
+            factor = math.ceil(1e3 * _RELAXED[0] * own[1] / duration) / 1e3
             smooth = (_curve(shapes, shapes.fixed @ drone.waypoints, 1),)
             raise FlatsatError(
                 f"times of way-points of {drone.name}: must be at least {factor:.3f} times as long; the smoothest "
                 f"reference through them breaks {broken_limit(mission, smooth) or 'nothing, but there is a better one'}"
             )
-    if len(mission.drones) == 1 and not mission.obstacles:
+    if alone:
         points = smoothest(shapes, mission.drones[0], duration, mission.limits, mission.bounds)
         curves = None if points is None else (_curve(shapes, points, 1),)
         broken = "the solver finds none" if curves is None else broken_limit(mission, curves)
@@ -159,7 +161,7 @@ def bound_of(mission: Mission) -> float:
         raise FlatsatError("polynomials are only slowed down: larger bounds make no plan shorter")
     if len(mission.drones) > 1 or mission.obstacles:
         return _bound(mission, _shapes(mission))
-    found = shortest_legs(mission.drones[0], mission.limits, mission.bounds)
+    found = shortest_legs(mission.drones[0], mission.limits, mission.bounds, closed=mission.is_closed)
     if found is None:
         raise _no_way(mission.drones[0].name, mission)
     return found[1]
@@ -171,7 +173,8 @@ def _shapes(mission: Mission) -> Shapes:
     count = len(proportions)
     units = np.maximum(1, np.rint(_UNITS * proportions / proportions.max())).astype(np.int64)
     spans = spans_of(count, _LEG)
-    return Shapes(np.repeat(units if count > 1 else units // units, spans), spans * np.arange(count + 1))
+    lengths = np.repeat(units if count > 1 else units // units, spans)
+    return Shapes(lengths, spans * np.arange(count + 1), mission.is_closed)
 
 
 def _ways(mission: Mission) -> FloatArray:
@@ -237,4 +240,4 @@ def _no_way(name: str, mission: Mission) -> FlatsatError:
 
 def _curve(shapes: Shapes, points: FloatArray, unit: int) -> Curve:
     """Return the curve whose spans last `unit` us times the shapes' lengths."""
-    return Curve.rounded([0, *(unit * np.cumsum(shapes.lengths)).tolist()], points)
+    return Curve.rounded([0, *(unit * np.cumsum(shapes.lengths)).tolist()], points, closed=shapes.closed)

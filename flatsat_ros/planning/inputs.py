@@ -45,6 +45,7 @@ class Wishes:
         speed_max: m/s; None for no bound.
         clearance: m.
         floor: m; None for that of the mission, else the height of the first way-point.
+        laps: how often a loop is flown; None for what the mission says, from rest to rest where it says nothing.
     """
 
     tube: float | None = None
@@ -54,6 +55,7 @@ class Wishes:
     speed_max: float | None = None
     clearance: float = 0.0
     floor: float | None = None
+    laps: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +67,7 @@ class _Content:
     box: tuple[FloatArray, FloatArray] | None = None
     downwash: float = _DOWNWASH
     obstacles: tuple[Box, ...] = ()
+    laps: int | None = None
 
 
 def read_mission(path: str | os.PathLike[str], certificate: Certificate, wishes: Wishes, name: str) -> Mission:
@@ -98,7 +101,7 @@ def read_mission(path: str | os.PathLike[str], certificate: Certificate, wishes:
         tube = _tube(certificate, bounds, content.downwash, wishes)
         return Mission(
             name, content.drones, certificate.name, certificate.limits, bounds, tube, content.times, content.downwash,
-            wishes.clearance, content.obstacles,
+            wishes.clearance, content.obstacles, content.laps if wishes.laps is None else wishes.laps,
         )  # fmt: skip
     except FlatsatError as error:
         if str(error).startswith(os.fspath(path)):
@@ -179,7 +182,7 @@ def _from_yaml(path: str | os.PathLike[str]) -> _Content:
             "the mission",
             document,
             "",
-            "a mapping with the key drones, and body, downwash, times, box, obstacles if wanted",
+            "a mapping with the key drones, and body, downwash, times, box, obstacles, laps if wanted",
         )
     given: dict[str, Any] = {
         "body": _BODY,
@@ -187,8 +190,9 @@ def _from_yaml(path: str | os.PathLike[str]) -> _Content:
         "times": None,
         "box": None,
         "obstacles": {},
+        "laps": None,
     } | document
-    values = section("the mission", given, ("drones", "body", "downwash", "times", "box", "obstacles"))
+    values = section("the mission", given, ("drones", "body", "downwash", "times", "box", "obstacles", "laps"))
     if not isinstance(values["drones"], dict):
         raise refusal(
             "drones",
@@ -210,7 +214,7 @@ def _from_yaml(path: str | os.PathLike[str]) -> _Content:
     if not isinstance(values["obstacles"], dict):
         raise refusal("obstacles", values["obstacles"], "", "a mapping from names to boxes")
     obstacles = tuple(_obstacle(name, entry) for name, entry in values["obstacles"].items())
-    return _Content(drones, times, box, values["downwash"], obstacles)
+    return _Content(drones, times, box, values["downwash"], obstacles, values["laps"])
 
 
 def _obstacle(name: str, entry: object) -> Box:

@@ -11,6 +11,7 @@ from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import FlatsatError, refusal, require, require_fields, require_not_negative
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.plans import Bounds, Box, Curve, Tube
+from flatsat_ros.plans.laps import require_laps
 from flatsat_ros.plans.obstacles import require_distinct
 from flatsat_ros.plans.plan import require_downwash
 
@@ -82,6 +83,7 @@ class Mission:
         downwash: how many times as far drones keep apart along the vertical.
         clearance: kept beside bodies and tubes, m.
         obstacles: that all drones keep away from by body, tube and clearance.
+        laps: how often references are flown that begin again where they end; None for from rest to rest.
 
     Raises:
         FlatsatError: no reference can keep what is asked, as far as that can be seen without a search.
@@ -97,6 +99,7 @@ class Mission:
     downwash: float = 2.0
     clearance: float = 0.0
     obstacles: tuple[Box, ...] = ()
+    laps: int | None = None
 
     def __post_init__(self) -> None:
         require_fields(self, require_not_negative, clearance="m")
@@ -117,6 +120,7 @@ class Mission:
             require(rising, "times of way-points", times.tolist(), "s", f"increasing from 0 to at most {_DURATION:g} s")
         if len({drone.given is None for drone in self.drones}) > 1 or (self.times is not None and self.is_given):
             raise FlatsatError("polynomials: must be given for all drones or for none, and without times")
+        self._require_closed()
         for drone in self.drones:
             self._require_possible(drone)
             if drone.radii is not None and (len(self.drones) > 1 or self.obstacles):
@@ -129,6 +133,11 @@ class Mission:
     def is_given(self) -> bool:
         """Whether the drones follow references from elsewhere."""
         return self.drones[0].given is not None
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether references begin again where they end."""
+        return self.laps is not None
 
     @property
     def waypoints(self) -> FloatArray:
@@ -147,6 +156,20 @@ class Mission:
     def reaches(self) -> FloatArray:
         """(N,) m, that each drone keeps away from obstacles in the downwash metric."""
         return np.array([drone.body + self.tube.radius + self.clearance for drone in self.drones])
+
+    def _require_closed(self) -> None:
+        """Refuse laps of ways that do not end where they begin."""
+        if self.laps is None:
+            return
+        require_laps(self.laps)
+        if self.is_given:
+            raise FlatsatError("laps: must be of way-points, not of polynomials")
+        require(len(self.drones[0].waypoints) > 2, "number of way-points of laps", 2, "", "at least 3")
+        for drone in self.drones:
+            apart = float(np.linalg.norm(drone.waypoints[-1] - drone.waypoints[0]))
+            require(
+                apart == 0.0, f"distance of the last way-point of {drone.name} from the first", apart, "m", "0 for laps"
+            )
 
     def _require_possible(self, drone: Asked) -> None:
         """Refuse way-points outside the box, and two in a row at the same place."""

@@ -11,6 +11,7 @@ from flatsat_ros._version import __version__
 from flatsat_ros.base.errors import require_positive
 from flatsat_ros.planning.mission import Asked, Mission
 from flatsat_ros.plans import Curve, Plan, PlannedDrone, Waypoint
+from flatsat_ros.plans.laps import with_ramp
 
 SECONDS = 20.0  # how long a plan is improved, unless it is said otherwise
 
@@ -21,7 +22,7 @@ class Round:
 
     Attributes:
         curves: one for each drone.
-        duration: s.
+        duration: s; of a lap, if there are laps.
         bound: s; no references with these knots in proportion are shorter. None where the times are given.
         note: what became of polynomials; empty for way-points.
     """
@@ -80,9 +81,14 @@ def finished(mission: Mission, found: Round) -> Plan:
         provenance["bound"] = f"{found.bound:.6f} s: the slowest drone alone, same limits, same knots in proportion"
     if found.note:
         provenance["polynomials"] = found.note
+    laps = None
+    if mission.laps is not None:
+        ways = [curve.trajectory() for curve in found.curves]
+        laps = with_ramp(mission.laps, ways, mission.bounds, mission.limits)
     made = Plan.of(
         drones, name=mission.name, certificate=mission.certificate, limits=mission.limits, bounds=mission.bounds,
         downwash=mission.downwash, clearance=mission.clearance, obstacles=mission.obstacles, provenance=provenance,
+        laps=laps,
     )  # fmt: skip
     made.verify()
     return made

@@ -95,26 +95,33 @@ class Program:
         return np.asarray(solution.x)
 
 
-def bezier_matrices(knots: FloatArray) -> list[sparse.csr_matrix]:
-    """Return the matrices from control points (M + 5) to Bezier points of position to snap, span by span.
+def bezier_matrices(knots: FloatArray, *, closed: bool = False) -> list[sparse.csr_matrix]:
+    """Return the matrices from control points (n) to Bezier points of position to snap, span by span.
 
     Args:
         knots: (M + 1,) s.
+        closed: whether the spline is, with n = M control points; otherwise it is clamped, with n = M + 5.
 
     Returns:
-        Of the k-th derivative (M (6 - k), M + 5).
+        Of the k-th derivative (M (6 - k), n).
     """
     count = len(knots) - 1
-    weights = bezier_weights(local_knots(knots), knots[:-1], knots[1:])
+    size = control_points(count, closed=closed)
+    weights = bezier_weights(local_knots(knots, closed=closed), knots[:-1], knots[1:])
     found = []
     for order in range(ORDERS):
         if order > 0:
             weights = (ORDER - order) * np.diff(weights, axis=1) / np.diff(knots)[:, np.newaxis, np.newaxis]
         rows = np.repeat(np.arange(count * (ORDER - order)), ORDER)
         columns = np.arange(count)[:, np.newaxis, np.newaxis] + np.zeros((1, ORDER - order, 1), int) + np.arange(ORDER)
-        shape = (count * (ORDER - order), count + DEGREE)
-        found.append(sparse.csr_matrix((weights.ravel(), (rows, columns.ravel())), shape=shape))
+        shape = (count * (ORDER - order), size)
+        found.append(sparse.csr_matrix((weights.ravel(), (rows, columns.ravel() % size)), shape=shape))
     return found
+
+
+def control_points(spans: int, *, closed: bool) -> int:
+    """Return the number of control points of a spline."""
+    return spans if closed else spans + DEGREE
 
 
 class Derivatives:
@@ -126,11 +133,11 @@ class Derivatives:
         spans: M.
     """
 
-    def __init__(self, knots: FloatArray) -> None:
-        self.count = len(knots) - 1 + DEGREE
+    def __init__(self, knots: FloatArray, *, closed: bool = False) -> None:
+        self.count = control_points(len(knots) - 1, closed=closed)
         self.size = 3 * self.count + UNKNOWNS
         self.spans = len(knots) - 1
-        self._matrices = bezier_matrices(knots)
+        self._matrices = bezier_matrices(knots, closed=closed)
 
     def axes(self, order: int) -> list[Affine]:
         """Return x, y and z of the Bezier points of a derivative at T = 1."""
@@ -173,22 +180,23 @@ class Retimed(Derivatives):
     is at least its linear part, so that steps break limits by little.
     """
 
-    def __init__(self, points: FloatArray, legs: FloatArray, spans: int) -> None:
+    def __init__(self, points: FloatArray, legs: FloatArray, spans: int, *, closed: bool = False) -> None:
         """Linearise.
 
         Args:
             points: (n, 3) m, near which the limits are linearised.
             legs: (L,) s, likewise.
             spans: of a leg.
+            closed: whether the spline is.
         """
-        super().__init__(_knots(legs, spans))
+        super().__init__(_knots(legs, spans), closed=closed)
         self.size = 3 * self.count + len(legs)
         self._legs, self._each = legs, spans
         self._slopes = [np.zeros((matrix.shape[0], 3, len(legs))) for matrix in self._matrices]
         for leg, duration in enumerate(legs):
             step = np.zeros(len(legs))
             step[leg] = _STEP * duration
-            moved = bezier_matrices(_knots(legs + step, spans))
+            moved = bezier_matrices(_knots(legs + step, spans), closed=closed)
             for order, (before, after) in enumerate(zip(self._matrices, moved, strict=True)):
                 own = slice(leg * spans * (ORDER - order), (leg + 1) * spans * (ORDER - order))
                 self._slopes[order][:, :, leg] = (after - before) @ points / step[leg]

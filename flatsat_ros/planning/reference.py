@@ -33,7 +33,7 @@ def shortest(shapes: Shapes, drone: Asked, limits: InputSet, bounds: Bounds) -> 
         bounds: of the reference.
     """
     scale = _guess(drone.waypoints, bounds)
-    derivatives = Derivatives(shapes.knots * scale)
+    derivatives = Derivatives(shapes.knots * scale, closed=shapes.closed)
     program = Program(derivatives.size)
     keep_limits(program, derivatives, limits, bounds)
     _pass(program, derivatives, shapes, drone)
@@ -47,7 +47,7 @@ def shortest(shapes: Shapes, drone: Asked, limits: InputSet, bounds: Bounds) -> 
 
 def smoothest(shapes: Shapes, drone: Asked, duration: float, limits: InputSet, bounds: Bounds) -> FloatArray | None:
     """Return the control points (n, 3) of least jerk for a duration, s; None if the limits leave none."""
-    derivatives = Derivatives(shapes.knots * duration)
+    derivatives = Derivatives(shapes.knots * duration, closed=shapes.closed)
     program = Program(derivatives.size)
     keep_limits(program, derivatives, limits, bounds)
     _pass(program, derivatives, shapes, drone)
@@ -58,7 +58,9 @@ def smoothest(shapes: Shapes, drone: Asked, duration: float, limits: InputSet, b
     return None if solution is None else derivatives.points(solution)
 
 
-def shortest_legs(drone: Asked, limits: InputSet, bounds: Bounds) -> tuple[FloatArray, float] | None:
+def shortest_legs(
+    drone: Asked, limits: InputSet, bounds: Bounds, *, closed: bool = False
+) -> tuple[FloatArray, float] | None:
     """Return the durations (W - 1,) of the legs for which the whole is shortest, s, and that duration.
 
     The limits are linearised in the legs' durations as well; what comes out is solved again with its proportions, so
@@ -68,20 +70,21 @@ def shortest_legs(drone: Asked, limits: InputSet, bounds: Bounds) -> tuple[Float
         drone: whose way-points are passed.
         limits: the input set.
         bounds: of the reference.
+        closed: whether it begins again where it ends, instead of resting at both ends.
     """
     legs = np.sqrt(np.linalg.norm(np.diff(drone.waypoints, axis=0), axis=1) + 0.1)
-    found = _solved(legs, drone, limits, bounds)
+    found = shortest(shapes_of(legs, closed=closed), drone, limits, bounds)
     if found is None or len(legs) == 1:
         return None if found is None else (legs * (found[1] / legs.sum()), found[1])
     points, best = found
     legs *= best / legs.sum()
     radius = 0.25
     for _ in range(_STEPS):
-        step = _linear_step(legs, points, drone, radius, limits, bounds)
+        step = _linear_step(legs, points, drone, radius, limits, bounds, closed=closed)
         hoped = 0.0 if step is None else best - float(step.sum())
         if step is not None and hoped < _ENOUGH * best:
             break
-        tried = None if step is None else _solved(step, drone, limits, bounds)
+        tried = None if step is None else shortest(shapes_of(step, closed=closed), drone, limits, bounds)
         if step is None or tried is None or tried[1] >= best:
             radius /= 3.0
             if radius < _SMALLEST:
@@ -93,25 +96,22 @@ def shortest_legs(drone: Asked, limits: InputSet, bounds: Bounds) -> tuple[Float
     return legs, best
 
 
-def shapes_of(legs: FloatArray, least: int = _LEG) -> Shapes:
+def shapes_of(legs: FloatArray, least: int = _LEG, *, closed: bool = False) -> Shapes:
     """Return shapes with equally many equal spans in each leg.
 
     Args:
         legs: (L,) durations, s; the spans are rounded up to whole microseconds.
         least: spans of a leg.
+        closed: whether the references are.
     """
     spans = spans_of(len(legs), least)
     lengths = np.maximum(1, np.ceil(legs / spans * 1e6 - 1e-3)).astype(np.int64)
-    return Shapes(np.repeat(lengths, spans), spans * np.arange(len(legs) + 1))
+    return Shapes(np.repeat(lengths, spans), spans * np.arange(len(legs) + 1), closed)
 
 
 def spans_of(legs: int, least: int = _LEG) -> int:
     """Return how many spans each of so many legs has: a short reference gets more of them."""
     return max(least, _SPANS // legs)
-
-
-def _solved(legs: FloatArray, drone: Asked, limits: InputSet, bounds: Bounds) -> tuple[FloatArray, float] | None:
-    return shortest(shapes_of(legs), drone, limits, bounds)
 
 
 def _guess(waypoints: FloatArray, bounds: Bounds) -> float:
@@ -121,12 +121,15 @@ def _guess(waypoints: FloatArray, bounds: Bounds) -> float:
 
 
 def _pass(program: Program, reference: Derivatives, shapes: Shapes, drone: Asked) -> None:
-    """Ask that the reference rests at the first and last way-point and passes the others, within their radii."""
-    ends = sparse.csr_matrix(np.delete(shapes.pinned, np.s_[AT_REST:-AT_REST], axis=0))
-    places = np.repeat(drone.waypoints[[0, -1]], AT_REST, axis=0)
-    for axis in range(3):
-        program.vanish((program.placed(ends, axis * shapes.count), -places[:, axis]))
+    """Ask that the reference passes the way-points, within their radii, and rests at both ends if it is not closed."""
     inner, radii = np.arange(1, len(drone.waypoints) - 1), drone.allowed
+    if shapes.closed:
+        inner = np.append(0, inner)
+    else:
+        ends = sparse.csr_matrix(np.delete(shapes.pinned, np.s_[AT_REST:-AT_REST], axis=0))
+        places = np.repeat(drone.waypoints[[0, -1]], AT_REST, axis=0)
+        for axis in range(3):
+            program.vanish((program.placed(ends, axis * shapes.count), -places[:, axis]))
     missed = []
     for axis, (matrix, constant) in enumerate(reference.axes(0)):
         rows = shapes.passed[inner] * ORDER
@@ -141,13 +144,20 @@ def _pass(program: Program, reference: Derivatives, shapes: Shapes, drone: Asked
 
 
 def _linear_step(
-    legs: FloatArray, points: FloatArray, drone: Asked, radius: float, limits: InputSet, bounds: Bounds
+    legs: FloatArray,
+    points: FloatArray,
+    drone: Asked,
+    radius: float,
+    limits: InputSet,
+    bounds: Bounds,
+    *,
+    closed: bool = False,
 ) -> FloatArray | None:
     """Return the legs (L,) whose sum is smallest where limits are linear in control points and legs."""
-    retimed = Retimed(points, legs, spans_of(len(legs)))
+    retimed = Retimed(points, legs, spans_of(len(legs)), closed=closed)
     program = Program(retimed.size)
     keep_limits(program, retimed, limits, bounds)
-    _pass(program, retimed, shapes_of(legs), drone)
+    _pass(program, retimed, shapes_of(legs, closed=closed), drone)
     durations = retimed.legs()
     program.be_positive((durations, -legs * (1.0 - radius)))
     program.be_positive((-durations, legs * (1.0 + radius)))

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.linalg import eigh, null_space
 
 from flatsat_ros.base.arrays import FloatArray, IntArray
-from flatsat_ros.planning.program import bezier_matrices
-from flatsat_ros.plans.curve import AT_REST, DEGREE, ORDER
+from flatsat_ros.planning.program import bezier_matrices, control_points
+from flatsat_ros.plans.curve import AT_REST, ORDER
 
 # integrals over [0, 1] of products of the Bernstein polynomials of degree 2
 _SQUARES = np.array([[6.0, 3.0, 1.0], [3.0, 4.0, 3.0], [1.0, 3.0, 6.0]]) / 30.0
@@ -27,10 +27,12 @@ class Shapes:
     Attributes:
         lengths: (M,) of the spans, in a unit of time that the user chooses.
         passed: (W,) numbers of the knots where way-points are passed; 0 and M are the first and the last.
+        closed: whether the references begin again where they end, instead of resting at both ends.
     """
 
     lengths: IntArray
     passed: IntArray
+    closed: bool = False
 
     @cached_property
     def knots(self) -> FloatArray:
@@ -41,12 +43,12 @@ class Shapes:
     @property
     def count(self) -> int:
         """Number of control points."""
-        return len(self.lengths) + DEGREE
+        return control_points(len(self.lengths), closed=self.closed)
 
     @cached_property
     def bezier(self) -> list[FloatArray]:
         """Matrices from control points to the Bezier points of position to snap, for a duration of 1."""
-        return [matrix.toarray() for matrix in bezier_matrices(self.knots)]
+        return [matrix.toarray() for matrix in bezier_matrices(self.knots, closed=self.closed)]
 
     @cached_property
     def jerk(self) -> FloatArray:
@@ -57,14 +59,21 @@ class Shapes:
 
     @cached_property
     def pinned(self) -> FloatArray:
-        """(8 + W - 2, n) what way-points fix: four control points at each end, and the positions in between."""
+        """(P, n) what way-points fix: four control points at each end, and the positions in between.
+
+        P = 8 + W - 2; of closed references it is W - 1, the positions at all way-points but the last.
+        """
+        if self.closed:
+            return self.bezier[0][self.passed[:-1] * ORDER]
         ends = np.eye(self.count)
         inner = self.bezier[0][self.passed[1:-1] * ORDER]
         return np.concatenate([ends[:AT_REST], inner, ends[-AT_REST:]])
 
     @cached_property
     def _spread(self) -> FloatArray:
-        """(8 + W - 2, W) which way-point each row of `pinned` belongs to."""
+        """(P, W) which way-point each row of `pinned` belongs to."""
+        if self.closed:
+            return np.eye(len(self.passed))[:-1]
         first, last = np.zeros((2, AT_REST, len(self.passed)))
         first[:, 0], last[:, -1] = 1.0, 1.0
         return np.concatenate([first, np.eye(len(self.passed))[1:-1], last])

@@ -1,4 +1,7 @@
-"""One drone's reference as a clamped B-spline of degree 5 or 7 in whole nanometres and microseconds.
+"""One drone's reference as a B-spline of degree 5 or 7 in whole nanometres and microseconds.
+
+It is clamped, from rest to rest, or closed: one lap, whose knots and control points repeat, so that no derivative up to
+the snap can jump where it begins again.
 
 Inner knots of degree 5 count once, so that position to snap are continuous, and those of degree 7 four times: there the
 snap jumps from polynomial to polynomial, as at rest, within its bound. Integers
@@ -41,22 +44,24 @@ Exact = NDArray[np.object_]  # of Python integers or fractions
 
 @dataclass(frozen=True)
 class Curve:
-    """A reference from rest to rest; before its start and after its end it stands still.
+    """A reference from rest to rest, which stands still before its start and after its end; or one lap of a closed one.
 
     Attributes:
         knots: distinct ones, us, increasing from 0; the curve has one span fewer.
         points: (spans + 5) control points (x, y, z), nm, world frame, for degree 7 (4 spans + 4); the first four are
-            equal, and the last four.
+            equal, and the last four. Of a closed curve (spans).
         degree: 5; or 7, of references that come from elsewhere.
+        closed: whether knots and control points go on from the beginning after the end.
 
     Raises:
         FlatsatError: the knots do not increase from 0, the number of control points is another, one lies farther than
-            500 m from the origin, or the curve does not begin and end at rest.
+            500 m from the origin, or the curve does neither begin and end at rest nor is closed.
     """
 
     knots: tuple[int, ...]
     points: tuple[tuple[int, int, int], ...]
     degree: int = DEGREE
+    closed: bool = False
 
     def __post_init__(self) -> None:
         knots, points = self.knots, self.points
@@ -64,21 +69,24 @@ class Curve:
         require(increasing, "knots", knots, "us", "two or more, increasing from 0")
         require(knots[-1] <= _LONGEST, "the last knot", knots[-1], "us", f"at most {_LONGEST} us, an hour")
         require(self.degree in DEGREES, "degree", self.degree, "", " or ".join(map(str, DEGREES)))
-        more = self.degree + 1 - self._step
+        more = 0 if self.closed else self.degree + 1 - self._step
         count = self._step * (len(knots) - 1) + more
         spans = f"{count}, {more} more than {'the' if self.degree == DEGREE else 'four times the'} spans"
+        if self.closed:
+            require(self.degree == DEGREE, "degree of a closed curve", self.degree, "", str(DEGREE))
+            require(count >= ORDER, "number of spans of a closed curve", count, "", f"at least {ORDER}")
         require(len(points) == count, "number of control points", len(points), "", spans)
         farthest = max(abs(value) for point in points for value in point)
         require(farthest <= _FARTHEST, "a coordinate", farthest, "nm", f"at most {_FARTHEST} nm from 0")
         for end, ends in (("first", points[:AT_REST]), ("last", points[-AT_REST:])):
-            if len(set(ends)) > 1:
+            if len(set(ends)) > 1 and not self.closed:
                 raise FlatsatError(f"the {end} {AT_REST} control points differ: must be equal, the curve's rest there")
 
     @classmethod
-    def rounded(cls, knots: Sequence[int], points: FloatArray, degree: int = DEGREE) -> Curve:
+    def rounded(cls, knots: Sequence[int], points: FloatArray, degree: int = DEGREE, *, closed: bool = False) -> Curve:
         """Return the curve with control points (n, 3), m, rounded to nanometres."""
         whole = np.rint(points * 1e9).astype(np.int64).tolist()
-        return cls(tuple(knots), tuple((x, y, z) for x, y, z in whole), degree)
+        return cls(tuple(knots), tuple((x, y, z) for x, y, z in whole), degree, closed)
 
     @property
     def _step(self) -> int:
@@ -103,7 +111,7 @@ class Curve:
         edges = self.knots if edges is None else edges
         weights, divisors, first = self._weights(edges)
         points = np.array(self.points, dtype=object)
-        values = weights @ points[first[:, np.newaxis] + np.arange(self.degree + 1)]
+        values = weights @ points[(first[:, np.newaxis] + np.arange(self.degree + 1)) % len(points)]
         for degree in range(self.degree, self.degree - order, -1):
             values = degree * (values[:, 1:] - values[:, :-1])
         lengths = np.array([b - a for a, b in itertools.pairwise(edges)], dtype=object)
@@ -125,7 +133,7 @@ class Curve:
         return np.asarray(rounded, dtype=np.int64)
 
     def trajectory(self, yaw: float = 0.0) -> Trajectory:
-        """Return what the controller follows: the same polynomials, in floats, from time 0 on."""
+        """Return the same polynomials, in floats, from time 0 on; one lap if it is closed."""
         values, divisors = self.bezier()
         points = (values / divisors[:, np.newaxis, np.newaxis]).astype(np.float64)
         times = np.array(self.knots) / 1e6
@@ -158,15 +166,30 @@ class Curve:
 
     @property
     def padded(self) -> tuple[int, ...]:
-        """All knots as often as they count, us; those at the ends as often as the polynomials depend on them."""
+        """All knots as often as they count, us; those at the ends as often as the polynomials depend on them.
+
+        Before and after a lap of a closed curve there are those of the laps beside it.
+        """
         first, *inner, last = self.knots
+        if self.closed:
+            near = self.degree - 1
+            return (*(knot - last for knot in self.knots[-1 - near : -1]), *self.knots,
+                    *(knot + last for knot in self.knots[1 : 1 + near]))  # fmt: skip
         repeated = [knot for knot in inner for _ in range(self._step)]
         return (*[first] * self.degree, *repeated, *[last] * self.degree)
 
 
-def local_knots(knots: FloatArray) -> FloatArray:
-    """Return the ten knots (M, 10) that the polynomial of each span depends on, of the clamped knots (M + 1,)."""
-    padded = np.concatenate([np.repeat(knots[:1], DEGREE - 1), knots, np.repeat(knots[-1:], DEGREE - 1)])
+def local_knots(knots: FloatArray, *, closed: bool = False) -> FloatArray:
+    """Return the ten knots (M, 10) that the polynomial of each span depends on, of the knots (M + 1,).
+
+    Args:
+        knots: distinct ones.
+        closed: whether they repeat after the last one; otherwise they are clamped.
+    """
+    near, lap = DEGREE - 1, knots[-1] - knots[0]
+    before = knots[-1 - near : -1] - lap if closed else np.repeat(knots[:1], near)
+    after = knots[1 : 1 + near] + lap if closed else np.repeat(knots[-1:], near)
+    padded = np.concatenate([before, knots, after])
     return np.asarray(padded[np.arange(len(knots) - 1)[:, np.newaxis] + np.arange(2 * DEGREE)])
 
 

@@ -113,8 +113,8 @@ class PlannedDrone:
                 raise refusal(what, math.sqrt(offset) * 1e-9, "m", f"at most {(radius + _MET) * 1e-9:g} m")
 
     @classmethod
-    def from_document(cls, name: str, document: object) -> PlannedDrone:
-        """Build one drone from its part of the document."""
+    def from_document(cls, name: str, document: object, *, closed: bool) -> PlannedDrone:
+        """Build one drone from its part of the document, of a plan whose references are closed or not."""
         try:
             values = section("the drone", document, _DRONE)
             knots, points, waypoints = (
@@ -123,7 +123,7 @@ class PlannedDrone:
             )
             return cls(
                 name=name,
-                curve=Curve(tuple(row[0] for row in knots), tuple(points), values["degree"]),  # type: ignore[misc, arg-type]
+                curve=Curve(tuple(row[0] for row in knots), tuple(points), values["degree"], closed),  # type: ignore[misc, arg-type]
                 body=values["body"],
                 tube=Tube(**section("tube", values["tube"], _TUBE)),
                 yaw=values["yaw"],

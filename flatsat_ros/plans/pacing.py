@@ -25,7 +25,7 @@ _STEP = 0.04  # s
 _JUMPS = np.linalg.inv(np.array([[math.perm(power, order) for power in range(4, SIZE)] for order in range(4)]))
 # s, that a change of pace may take: the shortest whose jerk and snap exceed the reference's by less than a tenth
 _CHANGES = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
-_EXCESS = 1.1
+EXCESS = 1.1
 _TINY = 1e-300
 _LOOKS = 200  # times at which a reference is looked at for that
 _FACTORIALS = np.array([math.factorial(order) for order in range(4)], dtype=float)
@@ -101,7 +101,7 @@ def change_duration(references: Sequence[Trajectory]) -> float:
             jerk = j * pace**3 + 3.0 * a * pace * d1 + v * d2
             snap = s * pace**4 + 6.0 * j * pace**2 * d1 + a * (3.0 * d1**2 + 4.0 * pace * d2) + v * d3
             worst = max(worst, float(jerk.max()) / most[3], float(snap.max()) / most[4])
-        if worst <= _EXCESS:
+        if worst <= EXCESS:
             return duration
     return _CHANGES[-1]
 

@@ -30,6 +30,7 @@ from flatsat_ros.plans import obstacles, tables
 from flatsat_ros.plans.bounds import Bounds
 from flatsat_ros.plans.curve import NANOMETRE, UNIT
 from flatsat_ros.plans.drone import PlannedDrone
+from flatsat_ros.plans.laps import Laps
 from flatsat_ros.plans.obstacles import Box, require_distinct
 from flatsat_ros.plans.separation import Closest, closest, closest_to_boxes, pairs_of
 
@@ -53,12 +54,14 @@ _HEADER = """\
 #   once; those at the ends count six times) or 7 (four and eight times); way-points t x y z in s
 #   and m, and within how many m they are passed
 # pairs: two drones, the distance in m that they always keep, and from when to when (s) they are nearest
+# laps: null for references from rest to rest; else each is one lap, flown count times: control points repeat, all set
+#   out and stop along the way at one pace, within ramp s each
 # obstacles: boxes that stand still: name, lower and upper corner in m; passages: each drone with each of them, as pairs
 """
 
 _ROOT = (
-    "flatsat_plan", "name", "certificate", "limits", "bounds", "downwash", "clearance", "drones", "pairs", "obstacles",
-    "passages", "provenance", "hash",
+    "flatsat_plan", "name", "certificate", "limits", "bounds", "downwash", "clearance", "laps", "drones", "pairs",
+    "obstacles", "passages", "provenance", "hash",
 )  # fmt: skip
 _LIMITS = ("thrust_max", "tilt_max", "gravity", "thrust_min")
 _BOUNDS = ("margin", "jerk_max", "snap_max", "speed_max", "acceleration_max", "lower", "upper")
@@ -105,6 +108,7 @@ class Plan:
         obstacles: that all drones keep away from, as from a drone without body and tube.
         passages: each drone with each obstacle, in that order.
         provenance: how it was made; nothing reads it but people.
+        laps: how often the references are flown, each one lap; None for references from rest to rest.
 
     Raises:
         FlatsatError: a value does not fit the others. What is claimed is checked by `verify`.
@@ -121,6 +125,7 @@ class Plan:
     obstacles: tuple[Box, ...] = ()
     passages: tuple[Pair, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    laps: Laps | None = None
 
     def __post_init__(self) -> None:
         require_fields(self, require_downwash, downwash="")
@@ -130,6 +135,11 @@ class Plan:
         require(len(set(names)) == len(names), "names of the drones", names, "", "different")
         degrees = sorted({drone.curve.degree for drone in self.drones})
         require(len(degrees) == 1, "degrees of the references", degrees, "", "the same for all drones")
+        if {drone.curve.closed for drone in self.drones} != {self.laps is not None}:
+            raise FlatsatError("references: must be closed if there are laps, and else from rest to rest")
+        durations = sorted({drone.curve.duration for drone in self.drones})
+        if self.laps is not None:
+            require(len(durations) == 1, "durations of a lap", durations, "s", "the same for all drones")
         first, second = pairs_of(len(names))
         expected = [(names[i], names[j]) for i, j in zip(first, second, strict=True)]
         if [pair[:2] for pair in self.pairs] != expected:
@@ -161,18 +171,20 @@ class Plan:
 
     @property
     def duration(self) -> float:
-        """Of the longest reference, s."""
-        return max(drone.curve.duration for drone in self.drones)
+        """Of the longest reference, s, or of all laps from rest to rest."""
+        longest = max(drone.curve.duration for drone in self.drones)
+        return longest if self.laps is None else self.laps.duration(longest)
 
     def trajectory(self, name: str) -> Trajectory:
-        """Return the reference of a drone, from time 0 on.
+        """Return the reference of a drone from rest to rest, from time 0 on.
 
         Raises:
             FlatsatError: no drone of the plan has that name.
         """
         for drone in self.drones:
             if drone.name == name:
-                return drone.curve.trajectory(drone.yaw)
+                own = drone.curve.trajectory(drone.yaw)
+                return own if self.laps is None else self.laps.flown(own)
         raise refusal("drone", name, "", f"one of {', '.join(drone.name for drone in self.drones)}")
 
     def required(self, *drones: PlannedDrone) -> Fraction:
@@ -180,7 +192,7 @@ class Plan:
         return sum((drone.radius for drone in drones), Fraction(self.clearance))
 
     def verify(self) -> dict[str, float]:
-        """Prove every claim with integers; floating-point numbers only propose separating directions.
+        """Prove every claim with integers; floating-point numbers propose separating directions and bound ramps.
 
         Returns:
             What is left of each claim, in its unit, at least 0: how far a limit is away from the worst control point,
@@ -202,6 +214,8 @@ class Plan:
                     )
                 slacks[f"{what} ({claim.unit})"] = claim.slack
         curves = [drone.curve for drone in self.drones]
+        if self.laps is not None:
+            self.laps.require_kept([curve.trajectory() for curve in curves], self.bounds, self.limits)
         required = [self.required(first, second) for first, second in itertools.combinations(self.drones, 2)]
         slacks |= self._kept(
             self.pairs, required, "both bodies and tubes", lambda goals: closest(curves, self.downwash, goals)
@@ -296,7 +310,11 @@ class Plan:
             certificate=root["certificate"],
             limits=InputSet(**section("limits", root["limits"], _LIMITS)),
             bounds=Bounds(**section("bounds", root["bounds"], _BOUNDS)),
-            drones=tuple(PlannedDrone.from_document(name, section) for name, section in root["drones"].items()),
+            laps=(laps := Laps.from_document(root["laps"])),
+            drones=tuple(
+                PlannedDrone.from_document(name, section, closed=laps is not None)
+                for name, section in root["drones"].items()
+            ),
             pairs=_pairs("pairs", root),
             obstacles=obstacles.read(root["obstacles"]),
             passages=_pairs("passages", root),
@@ -316,6 +334,7 @@ class Plan:
             "bounds": bounds | {"lower": self.bounds.lower.tolist(), "upper": self.bounds.upper.tolist()},
             "downwash": self.downwash,
             "clearance": self.clearance,
+            "laps": None if self.laps is None else self.laps.to_document(),
             "drones": {drone.name: drone.to_document() for drone in self.drones},
             "pairs": tables.written(self.pairs, _PAIR),
             "obstacles": obstacles.written(self.obstacles),

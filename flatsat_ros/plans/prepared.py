@@ -16,6 +16,7 @@ from typing import BinaryIO
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate, load_certificate
 from flatsat_ros.flight.trajectory import Trajectory
+from flatsat_ros.plans.laps import repeated
 from flatsat_ros.plans.pacing import change_duration
 from flatsat_ros.plans.plan import Plan
 from flatsat_ros.plans.tubes import require_tubes
@@ -38,8 +39,11 @@ class PreparedPlan:
     @classmethod
     def of(cls, plan: Plan) -> PreparedPlan:
         """Make a verified plan ready."""
-        references = {drone.name: drone.curve.trajectory(drone.yaw) for drone in plan.drones}
-        return cls(plan, references, change_duration(list(references.values())))
+        references = {drone.name: plan.trajectory(drone.name) for drone in plan.drones}
+        ways = list(references.values())
+        if plan.laps is not None:  # a change of pace looks the same in every lap
+            ways = [repeated(drone.curve.trajectory(), 2) for drone in plan.drones]
+        return cls(plan, references, change_duration(ways))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], certificate: Certificate) -> PreparedPlan:

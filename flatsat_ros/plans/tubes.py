@@ -15,9 +15,10 @@ from flatsat_ros.certificate.flight import Flight
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.plans.bounds import Bounds
 from flatsat_ros.plans.drone import Tube
+from flatsat_ros.plans.pacing import EXCESS
 from flatsat_ros.plans.plan import Plan
 
-RESERVE = 1.1  # what references ask for at a change of pace, over the bounds of the plan
+RESERVE = EXCESS  # what references ask for at a change of pace, over the bounds of the plan
 _STEP = 1e4  # 1/m: radii are stated in tenths of a millimetre, rounded up
 _CERTIFICATE = "certificate"
 
@@ -92,7 +93,7 @@ def require_tubes(plan: Plan, certificate: Certificate) -> None:
             what = f"plan {plan.name!r}: tube of {drone.name}"
             valid = f"at least {proved.radius:.4f} m, which certificate {certificate.name!r} proves for its bounds"
             raise refusal(what, drone.tube.radius, "m", valid)
-        require_acceleration(drone.name, drone.curve.trajectory(), flight)
+        require_acceleration(drone.name, plan.trajectory(drone.name), flight)
 
 
 def require_margin(bounds: Bounds, flight: Flight) -> None:

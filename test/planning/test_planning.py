@@ -155,6 +155,40 @@ def test_what_a_step_of_the_legs_hopes_for_is_about_what_it_gains() -> None:
     assert best[1] <= second[1]
 
 
+SQUARE = [[1, 0, 1], [0, 1, 1.2], [-1, 0, 1], [0, -1, 0.8], [1, 0, 1]]
+
+
+def test_a_loop_is_flown_faster_in_laps_than_from_rest_to_rest(alone: Plan) -> None:
+    found = plan(mission(SQUARE, laps=2))
+    (drone,) = found.drones
+    assert drone.curve.closed
+    assert min(found.verify().values()) >= 0.0
+    assert [waypoint[1:4] for waypoint in drone.waypoints] == [tuple(round(1e9 * x) for x in p) for p in SQUARE]
+    lap = drone.curve.trajectory()
+    assert float(np.linalg.norm(lap.sample(0.0)[3:6])) > 0.3
+    assert drone.curve.duration < 0.8 * plan(mission(SQUARE)).duration
+    shapes = shapes_of(np.ones(4), closed=True)
+    best = shortest(shapes, Asked("cf1", np.array(SQUARE)), LIMITS, BOUNDS)  # by symmetry legs are about equal
+    assert best is not None
+    assert drone.curve.duration == pytest.approx(best[1], rel=5e-3)
+
+
+def test_many_fly_laps_at_once() -> None:
+    asked = mission(SQUARE, [[-x, -y, z] for x, y, z in SQUARE], laps=3)
+    first = next(rounds(asked, lambda: False))
+    assert all(curve.closed for curve in first.curves)
+
+
+def test_laps_of_what_does_not_close_are_refused() -> None:
+    for way, laps, text in (
+        (WAY.tolist(), 2, r"distance of the last way-point of cf1 from the first = 1.3\d* m: must be 0 for laps"),
+        ([[0, 0, 1], [0, 0, 1]], 2, "number of way-points of laps = 2: must be at least 3"),
+        (SQUARE, 0, "number of laps = 0: must be a whole number from 1 to 1000"),
+    ):
+        with pytest.raises(FlatsatError, match=text):
+            mission(way, laps=laps)
+
+
 def test_given_times_are_kept_or_refused_with_what_would_do(alone: Plan) -> None:
     found = plan(mission(WAY.tolist(), times=np.array([0.0, 4.0, 9.0, 13.0])))
     assert [waypoint.time for waypoint in found.drones[0].waypoints] == pytest.approx([0, 4e6, 9e6, 13e6], abs=20)
@@ -309,6 +343,10 @@ def test_files_say_what_is_asked(tmp_path: Path) -> None:
     assert [drone.name for drone in two.drones] == ["a", "b"]
     assert two.distances.tolist() == [[0.0, pytest.approx(0.34)], [pytest.approx(0.34), 0.0]]
     assert two.bounds.lower[2] == 0.1
+    assert two.laps is None
+    loop = written(tmp_path, "d.yaml", "drones: {a: [[0, 0, 1], [1, 0, 1], [0, 1, 1], [0, 0, 1]]}\nlaps: 4\n")
+    assert read_mission(loop, CERTIFICATE, Wishes(), "d").laps == 4
+    assert read_mission(loop, CERTIFICATE, Wishes(laps=2), "d").laps == 2
     three = read_mission(written(tmp_path, "c.json", json.dumps(JSON)), CERTIFICATE, Wishes(), "c")
     assert [drone.name for drone in three.drones] == ["cf7", "cf2"]
     assert (three.downwash, three.bounds.upper.tolist()) == (3.0, [2.0, 2.0, 2.5])

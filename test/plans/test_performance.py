@@ -16,6 +16,7 @@ from flatsat_ros.flight.separation import IN_THE_AIR
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.plans import Bounds, Curve, Plan, PlannedDrone, Tube
+from flatsat_ros.plans.laps import Laps
 from flatsat_ros.plans.performance import Performance, Phase
 from flatsat_ros.plans.prepared import PreparedPlan
 from flatsat_ros.sim.closed_loop import fly
@@ -120,6 +121,31 @@ def test_a_pause_ends_on_the_way_at_the_same_progress(flown: Lab) -> None:
     best = int(away.argmin())
     assert away[best] < 0.03
     assert 2.5 < progress[best] < 6.0
+
+
+def test_laps_are_flown_and_end_where_they_began() -> None:
+    angles = 2 * np.pi * np.arange(12) / 12
+    way = np.stack([0.8 - 0.8 * np.cos(angles), 0.8 * np.sin(angles), np.ones(12)], axis=1)
+    knots = [round(1e6 * i) for i in range(13)]
+    ways = [Curve.rounded(knots, np.roll(way, shift, axis=0), closed=True) for shift in (2, 8)]
+    bounds = Bounds(0.8, 2.0, 20.0, np.array([-1.0, -1.0, 0.0]), np.array([3.0, 1.0, 2.0]))
+    drones = [PlannedDrone(name, own, 0.12, Tube(0.08)) for name, own in zip(NAMES, ways, strict=False)]
+    plan = Plan.of(
+        drones, name="round", certificate=CERTIFICATE.name, limits=CERTIFICATE.limits, bounds=bounds, laps=Laps(1, 4.0)
+    )
+    plan.verify()
+    lab = Lab(PreparedPlan.of(plan))
+    lab.performance.start(lab.now)
+    lab.fly_until(Phase.FLYING)
+    begin = lab.performance.origin
+    lab.fly(8.3)
+    half = [own.trajectory().sample(lab.now - begin - 2.0)[:3] for own in ways]  # a ramp makes half as much progress
+    assert lab.off(half) < 0.08
+    lab.fly_until(Phase.FLOWN)
+    assert lab.now - begin == pytest.approx(16.0, abs=0.1)
+    lab.fly(1.0)
+    assert lab.off([own.trajectory().sample(0.0)[:3] for own in ways]) < 0.03
+    assert lab.least >= plan.pairs[0].distance * 1e-4 - 2 * 0.08
 
 
 def test_if_one_leaves_the_plan_the_others_stand_still() -> None:
