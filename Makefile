@@ -78,8 +78,12 @@ test-crazyswarm2: build .venv-crazyswarm2/.done  ## flights with crazyswarm2 its
 	$(@D)/bin/python -m pip install --disable-pip-version-check --requirement $<
 	touch $@
 
-bench: build  ## the benchmark against solvers and a bare rclpy node
+bench: build .venv/.bench  ## the benchmark against solvers and a bare rclpy node; ARGS="--missions FOLDER" plans those
 	$(SOURCED) $(BIN)/python bench/run.py $(ARGS)
+
+.venv/.bench: requirements/bench.txt
+	$(BIN)/python -m pip install --disable-pip-version-check --requirement $<
+	touch $@
 
 reproduce: build  ## every number and figure of the paper, computed again, into out/reproduce/
 	$(SOURCED) $(EXECUTABLES)/reproduce $(ARGS)

@@ -1,57 +1,105 @@
-"""How fast plans are found and how short they are, over drones and way-points, beside a bound and a plain QP.
+"""How fast plans are found and how short they are, over drones and way-points, beside what else is there.
 
-Missions are drawn by a generator of this file, or read from a folder. The bound is the slowest drone alone in the same
-spline space under the same limits: no plan with these knots in proportion is shorter. The QP is what many planners stop
-at: the references of least jerk through the way-points, stretched in time until they keep the limits; drones that they
-bring nearer than the plan allows are counted. Times are of the CPU, for other load spoils those of the clock.
+Missions are drawn by a generator of this file, or read from a folder, and planned without options. Beside each stand:
 
-    .venv/bin/python bench/plans.py [--missions FOLDER] [--seconds S] [--tube M] [--jerk M_S3] [--snap M_S4]
+- the bound: the slowest drone alone in the same spline space under the same limits; for one drone the optimum for the
+  legs that were found;
+- a plain quadratic program: the references of least snap through the way-points, stretched in time until they keep the
+  limits, which is what many planners stop at;
+- CasADi and ipopt with the same limits, where casadi is installed and there are few drones.
+
+What each one's references violate is found by the same proof. Times are of the CPU, for other load spoils those of the
+clock.
+
+    .venv/bin/python bench/plans.py [--missions FOLDER] [--seconds S] [--certificate NAME] [--tube M]
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from importlib.util import find_spec
 from pathlib import Path
+from typing import NamedTuple
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from report import table
 
+from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.certificate.certificate import load_certificate
-from flatsat_ros.planning import Asked, Mission, Round, Wishes, plan, read_mission
+from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, Certificate, load_certificate
+from flatsat_ros.planning import Asked, Mission, Wishes, read_mission, rounds
 from flatsat_ros.planning.improvement import _shapes as shapes_of_mission
-from flatsat_ros.planning.improvement import bound_of
 from flatsat_ros.planning.reference import shapes_of
 from flatsat_ros.plans import Bounds, Curve, Tube, closest
 from flatsat_ros.plans.curve import UNIT
+from flatsat_ros.plans.tubes import certified_tube, default_bounds
 
-CERTIFICATE = "paper_experiment"
 LOW, HIGH = np.array([-1.5, -1.5, 0.2]), np.array([1.5, 1.5, 2.2])  # m, the room
-BODY, PLACES_APART, DOWNWASH = 0.15, 0.5, 2.0  # m, m
+BODY, PLACES_APART, DOWNWASH, TUBE = 0.15, 0.5, 2.0, 0.05  # m, m; the tube where none is proved, m
 DRONES, TOURS = (5, 10, 20, 30), (5, 10, 20)
+SECONDS = 10.0  # of each search
+IPOPT_DRONES, IPOPT_SECONDS = 10, 20.0  # at most
+_SQUARES = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0  # integrals of products of the Bernstein polynomials of degree 1
 
 
-def drawn(given: argparse.Namespace) -> Iterator[Mission]:
+class Result(NamedTuple):
+    """What became of one mission.
+
+    Attributes:
+        name: of the mission.
+        refused: why nothing was planned; empty where something was.
+        drones, waypoints: how many.
+        first: CPU time to the first proved plan, s.
+        seconds: of the whole search, s.
+        duration: of the best plan, s.
+        bound: s.
+        plain: duration, CPU time, s, and violations of the quadratic program.
+        ipopt: the same of CasADi and ipopt; None where it was not asked.
+        solving: CPU time of ipopt alone, s.
+    """
+
+    name: str
+    refused: str = ""
+    drones: int = 0
+    waypoints: int = 0
+    first: float = 0.0
+    seconds: float = 0.0
+    duration: float = 0.0
+    bound: float = 0.0
+    plain: tuple[float, float, str] | None = None
+    ipopt: tuple[float, float, str] | None = None
+    solving: float = 0.0
+
+
+def drawn(certificate: Certificate, wishes: Wishes) -> Iterator[Mission]:
     """Yield missions of several sizes: swarms from random places to others, and tours of one drone."""
-    random, limits = np.random.default_rng(0), load_certificate(CERTIFICATE).limits
-    bounds = Bounds(limits.inner_radius / 2.0, given.jerk, given.snap, LOW, HIGH)
-    tube = Tube(given.tube)
+    random = np.random.default_rng(0)
+    margin, jerk, snap, acceleration = default_bounds(certificate)
+    bounds = Bounds(margin, jerk, snap, LOW, HIGH, None, acceleration)
+    if wishes.tube is not None or certificate.flight is None:
+        tube = Tube(TUBE if wishes.tube is None else wishes.tube)
+    else:
+        tube = certified_tube(certificate.flight, jerk, snap, DOWNWASH)
+
+    def mission(name: str, drones: Iterable[Asked]) -> Mission:
+        return Mission(name, tuple(drones), certificate.name, certificate.limits, bounds, tube)
+
     for count in DRONES:
-        ends = [places(random, count), places(random, count)]
-        drones = tuple(Asked(f"cf{i}", np.array(way), BODY) for i, way in enumerate(zip(*ends, strict=True), 1))
-        yield Mission(f"{count} drones", drones, CERTIFICATE, limits, bounds, tube)
+        ways = zip(places(random, count), places(random, count), strict=True)
+        yield mission(f"{count} drones", [Asked(f"cf{i}", np.array(way), BODY) for i, way in enumerate(ways, 1)])
     for count in TOURS:
-        way = random.uniform(LOW, HIGH, (count, 3))
-        yield Mission(f"tour of {count}", (Asked("cf1", way, BODY),), CERTIFICATE, limits, bounds, tube)
+        yield mission(f"tour of {count}", [Asked("cf1", random.uniform(LOW, HIGH, (count, 3)), BODY)])
 
 
-def places(random: np.random.Generator, count: int) -> list[np.ndarray]:
+def places(random: np.random.Generator, count: int) -> list[FloatArray]:
     """Draw places that are apart."""
-    found: list[np.ndarray] = []
+    found: list[FloatArray] = []
     while len(found) < count:
         place = random.uniform(LOW, HIGH)
         if all(np.linalg.norm((place - other) / (1.0, 1.0, DOWNWASH)) >= PLACES_APART for other in found):
@@ -59,79 +107,134 @@ def places(random: np.random.Generator, count: int) -> list[np.ndarray]:
     return found
 
 
-def read(folder: Path, given: argparse.Namespace) -> Iterator[Mission]:
-    """Yield the missions of a folder."""
-    certificate = load_certificate(CERTIFICATE)
-    wishes = Wishes(tube=given.tube, jerk_max=given.jerk, snap_max=given.snap)
+def read(folder: Path, certificate: Certificate, wishes: Wishes) -> Iterator[Mission | Result]:
+    """Yield the missions of a folder, and what is refused of it."""
     for path in sorted(path for path in folder.iterdir() if path.suffix in (".json", ".yaml", ".csv")):
         try:
             yield read_mission(path, certificate, wishes, path.stem)
         except FlatsatError as error:
-            print(f"{path.name}: {error}")
+            yield Result(path.stem, str(error))
 
 
-def plain(mission: Mission) -> tuple[float, float, int]:
-    """Return duration, CPU time, s, and too near pairs of the references of least jerk that keep the limits."""
+def compared(missions: Iterable[Mission | Result], seconds: float) -> Iterator[Result]:
+    """Plan missions, each for so many seconds, in all ways."""
+    for mission in missions:
+        if isinstance(mission, Result):
+            yield mission
+            continue
+        begin, first, best = time.process_time(), 0.0, None
+        try:
+            for proved in rounds(mission, lambda begin=begin: time.process_time() - begin > seconds):
+                best, first = proved, first or time.process_time() - begin
+        except FlatsatError as error:
+            yield Result(mission.name, str(error), len(mission.drones))
+            continue
+        assert best is not None
+        found = Result(
+            mission.name, "", len(mission.drones), len(mission.drones[0].waypoints), first,
+            time.process_time() - begin, best.duration, best.bound or best.duration,
+        )  # fmt: skip
+        if not mission.is_given and mission.times is None and not mission.obstacles:
+            found = found._replace(plain=plain(mission))
+            if find_spec("casadi") is not None and len(mission.drones) <= IPOPT_DRONES:
+                import ipopt
+
+                answer = ipopt.shortest(mission, IPOPT_SECONDS)
+                ended = "" if answer.status == "Solve_Succeeded" else f"{answer.status}; "
+                theirs = (answer.curves[0].duration, answer.seconds, ended + violations(mission, answer.curves))
+                found = found._replace(ipopt=theirs, solving=answer.solving)
+        yield found
+
+
+def plain(mission: Mission) -> tuple[float, float, str]:
+    """Return duration, CPU time, s, and violations of the references of least snap that keep all but box and others."""
     begin = time.process_time()
-    if len(mission.drones) > 1:
-        shapes = shapes_of_mission(mission)
-    else:
-        shapes = shapes_of(np.sqrt(np.linalg.norm(np.diff(mission.drones[0].waypoints, axis=0), axis=1) + 0.1))
-    points = [shapes.fixed @ drone.waypoints for drone in mission.drones]
-
-    def curves(duration: float) -> list[Curve]:
-        knots = np.rint(shapes.knots * duration * 1e6).astype(int).tolist()
-        return [Curve.rounded(knots, each) for each in points]
+    ways = np.linalg.norm(np.diff(mission.waypoints, axis=1), axis=2).max(axis=0)
+    shapes = shapes_of(np.sqrt(ways + 0.1)) if len(mission.drones) == 1 else shapes_of_mission(mission)
+    snaps = shapes.bezier[4].reshape(len(shapes.lengths), 2, shapes.count)
+    widths = np.diff(shapes.knots)[:, np.newaxis, np.newaxis]
+    form = (widths * (snaps.transpose(0, 2, 1) @ _SQUARES @ snaps)).sum(axis=0)
+    form /= np.abs(form).max()
+    count = len(shapes.pinned)
+    system = np.block([[form, shapes.pinned.T], [shapes.pinned, np.zeros((count, count))]])
+    targets = [np.concatenate([np.zeros((shapes.count, 3)), shapes.targets(way)]) for way in mission.waypoints]
+    points = [np.linalg.solve(system, target)[: shapes.count] for target in targets]
+    bounds = mission.bounds
+    values = [np.concatenate([matrix @ each for each in points]) for matrix in shapes.bezier]
+    most = [np.linalg.norm(value, axis=1).max() for value in values]
+    low = max(
+        (size / bound) ** (1.0 / order)
+        for order, size, bound in zip(
+            range(1, 5), most[1:], (bounds.speed_max, bounds.acceleration_max, bounds.jerk_max, bounds.snap_max),
+            strict=True,
+        )
+        if bound is not None
+    )  # fmt: skip
+    high = low
 
     def kept(duration: float) -> bool:
-        claims = (claim for curve in curves(duration) for claim in mission.bounds.claims(curve, mission.limits))
-        return all(claim.slack >= 0.0 or claim.name.startswith("box") for claim in claims)
+        return float(mission.limits.margin(values[2] / duration**2).min()) >= bounds.margin
 
-    low = high = bound_of(mission)  # no reference with these limits is shorter
     while not kept(high):
         low, high = high, 1.3 * high
-    while high - low > 1e-3 * high:
+    while high - low > 1e-4 * high:
         middle = (low + high) / 2.0
         low, high = (low, middle) if kept(middle) else (middle, high)
     seconds = time.process_time() - begin
-    if len(points) < 2:
-        return high, seconds, 0
-    found = closest(curves(high), mission.downwash)
-    required = mission.distances[found.first, found.second]
-    return high, seconds, int(np.count_nonzero(found.distance / UNIT < required))
+    knots = np.rint(shapes.knots * (1.0 + 1e-4) * high * 1e6).astype(int).tolist()
+    curves = [Curve.rounded(knots, each) for each in points]
+    return curves[0].duration, seconds, violations(mission, curves)
+
+
+def violations(mission: Mission, curves: Sequence[Curve]) -> str:
+    """Return what references violate, as found by the proof of plans: how many limits and pairs, and the worst box."""
+    claims = [claim for curve in curves for claim in mission.bounds.claims(curve, mission.limits)]
+    broken = [claim for claim in claims if claim.slack < 0.0]
+    inside = [claim.slack for claim in broken if claim.name.startswith("box")]
+    parts = [f"{len(broken) - len(inside)} limits"] if len(broken) > len(inside) else []
+    if inside:
+        parts.append(f"box by {-min(inside):.2g} m")
+    if len(curves) > 1:
+        found = closest(curves, mission.downwash)
+        short = mission.distances[found.first, found.second] - found.distance / UNIT
+        if (short > 0.0).any():
+            parts.append(f"{np.count_nonzero(short > 0.0)} pairs too near, by up to {short.max():.2g} m")
+    return ", ".join(parts) or "none"
+
+
+def shown(results: Iterable[Result]) -> str:
+    """Return the table."""
+    rows = []
+    for found in results:
+        if found.refused:
+            rows.append([found.name, *[""] * 9, found.refused])
+            continue
+        row = [found.name, f"{found.first:.2f}", f"{found.seconds:.2f}", f"{found.duration:.2f}"]
+        row.append(f"{found.duration / found.bound:.4f}")
+        for other in (found.plain, found.ipopt):
+            row += ["", "", ""] if other is None else [f"{other[1]:.2f}", f"{other[0] / found.duration:.3f}", other[2]]
+        rows.append(row)
+    header = ["", "first, CPU s", "all, CPU s", "duration s", "/ bound"]
+    for name in ("least snap", "ipopt"):
+        header += [f"{name}, CPU s", "/ ours", "violates"]
+    return table(header, rows)
 
 
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--missions", type=Path)
-    for option, usual in (("seconds", 10.0), ("tube", 0.05), ("jerk", 2.0), ("snap", 20.0)):
-        parser.add_argument(f"--{option}", type=float, default=usual)
+    parser.add_argument("--missions", type=Path, metavar="FOLDER")
+    parser.add_argument("--seconds", type=float, default=SECONDS)
+    parser.add_argument("--certificate", default=FLIGHT_CERTIFICATE)
+    parser.add_argument("--tube", type=float)
     given = parser.parse_args()
-    missions = drawn(given) if given.missions is None else read(given.missions, given)
-    print(
-        f"{'mission':<18}{'first plan':>12}{'best':>9}{'/ bound':>9}{'CPU s':>7}   least jerk {'/ bound':>8}  too near"
-    )
-    for mission in missions:
-        rounds: list[tuple[float, Round]] = []
-        begin = time.process_time()
-
-        def note(proved: Round, rounds: list[tuple[float, Round]] = rounds, begin: float = begin) -> None:
-            rounds.append((time.process_time() - begin, proved))
-
-        try:
-            plan(mission, given.seconds, note)
-        except FlatsatError as error:
-            print(f"{mission.name:<18}{error}")
-            continue
-        seconds, best = time.process_time() - begin, rounds[-1][1]
-        duration, _, near = plain(mission)
-        bound = best.bound or best.duration
-        ours = f"{best.duration:>7.2f} s{best.duration / bound:>9.4f}{seconds:>7.1f}"
-        print(
-            f"{mission.name:<18}{rounds[0][0]:>10.2f} s{ours}{duration:>11.2f} s {duration / bound:>8.3f}{near:>10}",
-            flush=True,
-        )
+    certificate, wishes = load_certificate(given.certificate), Wishes(tube=given.tube)
+    missions = drawn(certificate, wishes) if given.missions is None else read(given.missions, certificate, wishes)
+    results = []
+    for found in compared(missions, given.seconds):
+        print(found.name, found.refused, file=sys.stderr, flush=True)
+        results.append(found)
+    print(shown(results))
 
 
 if __name__ == "__main__":

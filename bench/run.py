@@ -1,4 +1,4 @@
-"""`make bench`: the law against solvers, the controller process against bare echo nodes, offset-free flight, tubes.
+"""`make bench`: the law and plans against solvers, the controller process against bare echo nodes, flights, tubes.
 
 Exit code 0 when all answers agree and every process did its work; targets are reported, not enforced.
 """
@@ -11,6 +11,7 @@ import os
 import platform
 import sys
 from collections.abc import Mapping, Sequence
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 101)
 
 import law
 import numpy as np
+import plans
 import processes
 import swap
 import tick
@@ -30,14 +32,16 @@ from tqdm import tqdm
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.files import make_folder, write_text
 from flatsat_ros.base.resources import config_path
-from flatsat_ros.certificate.certificate import Certificate, load_certificate
+from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, Certificate, load_certificate
 from flatsat_ros.paper import offset_free
+from flatsat_ros.planning import Wishes
 from flatsat_ros.synthesis.nominal import synthesize
 
 _CERTIFICATE = "paper_experiment"
 _FAST_PERIOD = 0.01  # s
 _STEP_TARGETS = {1: 1 / 10, 100: 1 / 1000, 1000: 1 / 2500}
 _PROCESS_TARGET = 1.25
+_BOUND_TARGET, _IPOPT_TARGET = 1.05, 1.01
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -45,6 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="bench", description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("out/bench"), help="folder (default: %(default)s)")
     parser.add_argument("--against", metavar="COMMIT", help="only time the tick beside this commit's")
+    parser.add_argument("--missions", type=Path, metavar="FOLDER", help="only plan the missions of a folder")
     arguments = parser.parse_args(argv)
     folder: Path = arguments.output
     make_folder(folder)
@@ -53,13 +58,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ["ROS_LOG_DIR"] = str((folder / "log").resolve())
     try:
         targets: list[Target] = []
-        results = {
-            "machine": _machine(),
+        results = {"machine": _machine(), "plans": _compare_plans(arguments.missions, targets)}
+        results |= {} if arguments.missions is not None else {
             "law": _compare_law(load_certificate(_CERTIFICATE), targets),
             "processes": _compare_processes(folder, targets),
             "offset_free": _compare_offsets(targets),
             "swap": _compare_swaps(targets),
-        }
+        }  # fmt: skip
     except FlatsatError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
@@ -197,6 +202,28 @@ def _compare_swaps(targets: list[Target]) -> dict[str, Any]:
     return results
 
 
+def _compare_plans(folder: Path | None, targets: list[Target]) -> list[dict[str, Any]]:
+    """Plan missions of the benchmark's own, or those of a folder."""
+    certificate = load_certificate(FLIGHT_CERTIFICATE)
+    missions = (plans.drawn if folder is None else partial(plans.read, folder))(certificate, Wishes())
+    results = list(tqdm(plans.compared(missions, plans.SECONDS), desc="plans", leave=False))
+    print(f"Plans for {certificate.name}: durations over the bound and over ours; what is violated")
+    print(plans.shown(results) + "\n")
+    for found in results:
+        figures = []
+        if found.ipopt is not None and found.drones == 1:
+            figures = [
+                ("ours over ipopt's duration", _IPOPT_TARGET, found.duration / found.ipopt[0]),
+                ("ours over ipopt's processor time", 1.0, found.seconds / found.ipopt[1]),
+            ]
+        elif not found.refused and found.drones > 1:
+            figures = [("duration over the bound", _BOUND_TARGET, found.duration / found.bound)]
+        targets += [
+            Target(f"{what}: {found.name}", most, Quartiles(value, value, value)) for what, most, value in figures
+        ]
+    return [found._asdict() for found in results]
+
+
 def _compare_ticks(commit: str) -> int:
     """Print the tick of this tree over that of a commit."""
     try:
@@ -222,7 +249,7 @@ def _scaled(spread: Quartiles, factor: float) -> Quartiles:
 
 
 def _machine() -> Mapping[str, Any]:
-    packages = ("numpy", "cvxpy", "clarabel", "osqp")
+    packages = ("numpy", "cvxpy", "clarabel", "osqp", "casadi")
     return {
         "python": platform.python_version(),
         "machine": platform.machine(),
