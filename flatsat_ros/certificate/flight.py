@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any
 
 from flatsat_ros.base.arrays import FloatArray
@@ -37,6 +38,9 @@ HEADER = """\
 #     cells; tube: bounds of |e| m, |e'| m/s, |v0| m/s^2 and |D/g - d^| m/s^2; back: a start adds to |e| at most
 #     (position |e(0)| + position_velocity |e'(0)|) e^(-rate t), and to |v0| likewise
 """
+
+# claims do not change what is proved: certificates that differ in nothing else are proved once in a process
+_box_tube, _box_return = lru_cache(maxsize=8)(box_tube), lru_cache(maxsize=8)(box_return)
 
 _FIGURES = ("gain_min", "gain_max", "margin", "disturbance")
 _AXES = ("horizontal", "vertical")
@@ -66,11 +70,11 @@ class Axis:
 
     def proved(self, gain_min: float, gain_max: float, assumptions: Assumptions) -> Tube:
         """Return the tube that is proved by computation, whatever is claimed."""
-        return box_tube(self.design, self.box, self.cuts, gain_min, gain_max, assumptions, self.lag_varies)
+        return _box_tube(self.design, self.box, self.cuts, gain_min, gain_max, assumptions, self.lag_varies)
 
     def returned(self, gain_min: float, gain_max: float, pose_age: float) -> Return:
         """Return the way back that is proved by computation, at the rate that is claimed."""
-        return box_return(
+        return _box_return(
             self.design, self.box, self.cuts, gain_min, gain_max, self.back.rate, pose_age, self.lag_varies
         )
 

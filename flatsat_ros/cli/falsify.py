@@ -50,6 +50,11 @@ def _parser() -> shell.Parser:
         f"flights of single drones (default: {_FLIGHTS})",
     )  # fmt: skip
     parser.add_argument("--certificate", metavar="NAME_OR_PATH", help="of --plans (default: the controller's)")
+    parser.add_argument(
+        "--mutants", type=int, metavar="N",
+        help="instead of flights verify so many copies of CERTIFICATE that claim less, as many that claim more by less "
+        "than the slack of an inequality, and as many that claim more than that, which must be refused",
+    )  # fmt: skip
     parser.add_argument("--replay", metavar="CAMPAIGN:SEED:INDEX", help="one run again, step by step")
     return parser
 
@@ -61,6 +66,8 @@ def _run(arguments: argparse.Namespace) -> int:
         return _fly_plans(arguments)
     if arguments.certificate is not None:
         raise FlatsatError("--certificate: used with --plans only; campaigns draw theirs")
+    if arguments.mutants is not None:
+        return _mutate(arguments)
     if arguments.attacked is not None:
         return _attack(arguments)
     return _fly(arguments) if arguments.replay is None else _replay(arguments)
@@ -143,6 +150,30 @@ def _attack(arguments: argparse.Namespace) -> int:
     results = results_of(partial(attack, certificate=certificate), count(seed), workers)
     _collect(results, take, partial(tally.text, certificate, arguments.attacked), runs, seconds, "runs")
     return 1 if tally.breaches else 0
+
+
+def _mutate(arguments: argparse.Namespace) -> int:
+    from flatsat_ros.base.errors import FlatsatError, refusal
+    from flatsat_ros.base.resources import config_path
+    from flatsat_ros.base.strict_yaml import read_yaml
+    from flatsat_ros.certificate.certificate import Certificate
+    from flatsat_ros.falsification.mutants import KINDS, Mutant, MutantTally, judged
+
+    if arguments.attacked is None:
+        raise FlatsatError("--mutants: used with a CERTIFICATE only")
+    shell.require_alone(arguments, "attacked", "mutants", "seconds", "seed")
+    if arguments.mutants < 1:
+        raise refusal("--mutants", arguments.mutants, "", "at least 1")
+    _, seconds, seed, _ = _asked(arguments, _RUNS)
+    certificate, tally = Certificate.from_document(read_yaml(config_path(arguments.attacked))), MutantTally()
+
+    def take(result: tuple[Mutant, str]) -> tuple[int, int]:
+        tally.add(*result)
+        return 1, len(tally.wrong)
+
+    results, total = judged(certificate, seed, arguments.mutants), arguments.mutants * len(KINDS)
+    _collect(results, take, lambda elapsed, _: tally.text(certificate.name, elapsed), total, seconds, "mutants")
+    return 1 if tally.wrong else 0
 
 
 def _fly_plans(arguments: argparse.Namespace) -> int:
