@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import re
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -35,7 +36,7 @@ settings.load_profile("ci")
 
 
 class _Groups(LoadScopeScheduling):  # type: ignore[misc]
-    """Keeps the tests that start processes on one worker, one at a time, and those that share long computations.
+    """Keeps the tests whose processes fly in real time on one worker, one at a time, and those that share computations.
 
     xdist's own groups do not work with pytest 9.2: they are written into names of tests that it no longer reads.
     """
@@ -44,14 +45,16 @@ class _Groups(LoadScopeScheduling):  # type: ignore[misc]
         file = nodeid.partition("::")[0]
         if file in SHARING:
             return file
-        return "processes" if _starts_processes(file) else nodeid
+        if not file.startswith(("test/nodes/", "test/cli/")):
+            return nodeid
+        marks = _marks(file)
+        return nodeid if "in_process" in marks else file if "beside_flights" in marks else "flights"
 
 
 @functools.cache
-def _starts_processes(file: str) -> bool:
-    """Whether the tests of a file start nodes as processes, unless it is marked as one whose tests do not."""
-    belongs = file.startswith(("test/nodes/", "test/cli/"))
-    return belongs and "mark.in_process" not in (TEST.parent / file).read_text(encoding="utf-8")
+def _marks(file: str) -> set[str]:
+    """Which marks all tests of a file have."""
+    return set(re.findall(r"^pytestmark = pytest\.mark\.(\w+)", (TEST.parent / file).read_text(encoding="utf-8"), re.M))
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> _Groups:

@@ -19,6 +19,8 @@ from flatsat_ros.base.interrupts import STOPPING, signals_held
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.cli import demo, excitation, falsify, faults, identify, plan, reproduce, shell, synthesize, validate
 
+pytestmark = pytest.mark.beside_flights
+
 PROGRAMS = {
     "demo": demo.main,
     "falsify": falsify.main,

@@ -12,6 +12,9 @@ import pytest
 
 from flatsat_ros.cli.soak import main
 
+# whether ticks are missed is not judged
+pytestmark = pytest.mark.beside_flights
+
 PROGRAM = [sys.executable, "-m", "flatsat_ros.cli.soak"]
 
 
@@ -55,7 +58,6 @@ def test_ctrl_c_in_flight_leaves_nothing_behind(ros_domain: int, tmp_path: Path)
     assert running() == []
 
 
-@pytest.mark.in_process
 @pytest.mark.parametrize("arguments", [["--minutes", "0"], ["--minutes", "nan"], ["--drones", "0"], ["--drones", "50"]])
 def test_what_cannot_be_flown_is_refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(arguments) == 2

@@ -6,7 +6,6 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pytest
 
 from flatsat_ros.nodes.ros import interfaces
 
@@ -93,30 +92,3 @@ def test_bad_values_are_refused_with_a_reason_and_change_nothing(lab: Lab, colum
     before = len(telemetry)
     lab.wait(lambda: len(telemetry) > before + 2, "ticks after all that")
     assert controller.stop() == 0
-
-
-@pytest.mark.parametrize(
-    ("parameters", "reason"),
-    [
-        ({"mu": 2}, "decimal point"),
-        ({"mu": -2.0}, "parameter mu = -2.0 1/s: must be from 0.0 to 100.0"),
-        ({"mu": []}, "parameter mu = []: must be of type double and not empty"),
-        ({"robots__cf1__mu": []}, "parameter robots.cf1.mu = []: must be a floating-point number"),
-        ({"robot_names": []}, "parameter robot_names = []: must be of type string array and not empty"),
-        ({"pose_timeout": 0.6}, "parameter pose_timeout = 0.6 s: must be from 0.01 to 0.5"),
-        ({"v_inf": 0.0}, "must be from"),
-        ({"robots__cf1__mu": -1.0}, "must be from 0 to"),
-        ({"robots__cf1__mu": 1}, "decimal point"),
-        ({"gamma_max": 50.0}, "must be at most the certificate's"),
-        ({"certificate": "paper_simulatoin"}, "paper_simulation"),
-        ({"vehicle": "cf2x_2025"}, "lifts"),
-        ({"backend": "rust"}, "auto, cpp, cflib"),
-        ({"pose_source": "vicon"}, "auto, pose, poses, tf, odom"),
-    ],
-)
-def test_bad_values_at_start_are_refused_in_one_line(lab: Lab, parameters: dict[str, Any], reason: str) -> None:
-    controller = lab.fly("cf1", **parameters)
-    assert controller.wait() == 2
-    assert controller.output.startswith("error: ")
-    assert reason in controller.output
-    assert controller.output.count("\n") == 1

@@ -21,6 +21,8 @@ from flatsat_ros.nodes.cflib_bridge import CflibBridge
 from flatsat_ros.nodes.controller_node import ControllerNode
 from flatsat_ros.nodes.sim_drone import SimDrone
 
+pytestmark = pytest.mark.in_process
+
 ROOT = Path(__file__).parents[2]
 LAUNCH = sorted((ROOT / "launch").iterdir())
 NODES: dict[str, type[Any]] = {"controller": ControllerNode, "sim_drone": SimDrone, "cflib_bridge": CflibBridge}

@@ -115,34 +115,6 @@ def test_a_bag_is_played_too(lab: Lab, tmp_path: Path) -> None:
     assert stamps(poses) - stamps(poses)[0] == pytest.approx(rows[:, 0] * 1e9, abs=300)
 
 
-@pytest.mark.parametrize(
-    ("content", "parameters", "reason"),
-    [
-        (None, {}, "cannot be read"),
-        ("t,x\n1,2\n", {}, "line 1"),
-        (",".join(COLUMNS) + "\n1,2,3,4,5,6,7,eight\n", {}, "line 2"),
-        (",".join(COLUMNS) + "\n1,2,3,4,5,6,7,8\n", {"topic": "/pose"}, "must be empty for a CSV"),
-        (
-            ",".join(COLUMNS) + "\n1,2,3,4,5,6,7,8\n",
-            {"rate": 0.0},
-            "parameter rate = 0.0: must be from 0.001 to 1000.0",
-        ),
-        (",".join(COLUMNS) + "\n1,2,3,4,5,6,7,8\n", {"robot_name": "1cf"}, "the first a letter"),
-    ],
-)
-def test_what_cannot_be_played_is_refused_in_one_line(
-    lab: Lab, tmp_path: Path, content: str | None, parameters: dict[str, Any], reason: str
-) -> None:
-    file = tmp_path / "recording.csv"
-    if content is not None:
-        file.write_text(content, encoding="utf-8")
-    player = lab.start("mocap_player", file=file, **parameters)
-    assert player.wait() == 2
-    assert player.output.startswith("error: ")
-    assert reason in player.output
-    assert player.output.count("\n") == 1
-
-
 def test_the_controller_survives_every_fault(lab: Lab, tmp_path: Path, column: Column) -> None:
     commands, telemetry = lab.watch(interfaces.COMMAND, "cf1"), lab.watch(interfaces.TELEMETRY, "cf1")
     status = lab.watch_diagnostics("flatsat_controller: cf1")

@@ -2,42 +2,49 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
+import rclpy
 
 from flatsat_ros.identification.recording import COLUMNS
+from flatsat_ros.nodes.controller_node import ControllerNode
+from flatsat_ros.nodes.mocap_player import MocapPlayer
+from flatsat_ros.nodes.ros.runtime import ProgramNode
+from flatsat_ros.nodes.sim_drone import SimDrone
 
-if TYPE_CHECKING:
-    from conftest import Lab
+pytestmark = pytest.mark.in_process
 
 # of every rclpy node
 COMMON = {"use_sim_time", "start_type_description_service"}
 CHANGEABLE = {"plan", "mu", "v_inf", "gamma_0", "gamma_max", "nu", "restart_gain", "hand_over_force"}
 
 
-@pytest.mark.parametrize(
-    ("executable", "node"),
-    [("controller", "flatsat_controller"), ("sim_drone", "sim_drone"), ("mocap_player", "mocap_player")],
-)
-def test_every_parameter_is_described_and_only_the_tuning_may_change(
-    lab: Lab, tmp_path: Path, executable: str, node: str
-) -> None:
+@pytest.fixture
+def node(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[ProgramNode]:
+    """A node with the parameters that it has by default."""
     recording = tmp_path / "recording.csv"
     recording.write_text(",".join(COLUMNS) + "\n0,0,0,0,0,0,0,1\n", encoding="utf-8")
-    # nobody listens to its poses: the player waits
-    lab.start(executable, **({"file": recording} if executable == "mocap_player" else {}))
-    client = lab.parameters_of(node)
-    names = set(lab.answer(client.list_parameters([], 0)).result.names) - COMMON
-    descriptors = lab.answer(client.describe_parameters(sorted(names))).descriptors
+    needed = ["--ros-args", "-p", f"file:={recording}"] if request.param is MocapPlayer else []
+    rclpy.init(args=needed)
+    made: ProgramNode = request.param()
+    yield made
+    made.destroy_node()
+    rclpy.shutdown()
+
+
+@pytest.mark.parametrize("node", [ControllerNode, SimDrone, MocapPlayer], indirect=True)
+def test_every_parameter_is_described_and_only_the_tuning_may_change(node: ProgramNode) -> None:
+    names = set(node.list_parameters([], 0).names) - COMMON
+    descriptors = node.describe_parameters(sorted(names))
     assert [descriptor.name for descriptor in descriptors] == sorted(names)
     for descriptor in descriptors:
         assert descriptor.description, descriptor.name
-        changeable = executable == "controller" and descriptor.name.split(".")[-1] in CHANGEABLE
+        changeable = isinstance(node, ControllerNode) and descriptor.name.split(".")[-1] in CHANGEABLE
         assert descriptor.read_only != changeable, descriptor.name
-    if executable == "controller":
-        (mu,) = lab.answer(client.describe_parameters(["mu"])).descriptors
+    if isinstance(node, ControllerNode):
+        (mu,) = node.describe_parameters(["mu"])
         assert "[1/s]" in mu.description
         assert (mu.floating_point_range[0].from_value, mu.floating_point_range[0].to_value) == (0.0, 100.0)
         assert "robots.cf1.mu" in names

@@ -4,23 +4,39 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from flatsat_ros.nodes import programs
 
-NAMES = ("controller", "sim_drone", "sim_server", "cflib_bridge", "mocap_player", "record")
+pytestmark = pytest.mark.beside_flights
+
+NAMES = ("controller", "sim_drone", "sim_server", "cflib_bridge", "mocap_player", "record", "console")
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_without_ros_one_line_says_what_to_source(name: str) -> None:
+def test_without_ros_one_line_says_what_to_source() -> None:
     hidden = "import sys; sys.modules['rclpy'] = None"
-    script = f"{hidden}; from flatsat_ros.nodes import programs; sys.exit(programs.{name}())"
-    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False)
-    assert run.returncode == 2
-    assert run.stderr.startswith("error: ")
-    assert run.stderr.endswith("; source ROS 2 Jazzy first: . /opt/ros/jazzy/setup.bash\n")
-    assert run.stderr.count("\n") == 1
+    script = f"{hidden}; from flatsat_ros.nodes import programs; print([getattr(programs, n)() for n in {NAMES}])"
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    assert run.stdout == f"{[2] * len(NAMES)}\n"
+    lines = run.stderr.splitlines()
+    assert len(lines) == len(NAMES)
+    for line in lines:
+        assert line.startswith("error: ")
+        assert line.endswith("; source ROS 2 Jazzy first: . /opt/ros/jazzy/setup.bash")
+
+
+def test_without_cflib_one_line_says_what_to_install(
+    executables: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "cflib.py").write_text("raise ModuleNotFoundError(\"No module named 'cflib'\")\n", encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
+    run = subprocess.run([executables / "cflib_bridge"], capture_output=True, text=True, timeout=60, check=False)
+    assert (run.returncode, run.stdout) == (2, "")
+    assert run.stderr == (
+        "error: No module named 'cflib': cflib_bridge needs cflib: pip install \"flatsat_ros[crazyflie]\"\n"
+    )
 
 
 def test_another_missing_library_is_named_without_a_hint_to_ros(

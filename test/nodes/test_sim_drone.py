@@ -157,33 +157,6 @@ def test_it_leaves_cleanly_when_told_to(lab: Lab, number: signal.Signals) -> Non
     assert "Traceback" not in simulator.output
 
 
-@pytest.mark.parametrize(
-    ("parameters", "reason"),
-    [
-        ({"pose_rate": 50}, "decimal point"),
-        ({"drop_out": 1.5}, "parameter drop_out = 1.5: must be from 0.0 to 1.0"),
-        ({"robot_names": ["cf1", "cf1"]}, "must be given once"),
-        ({"robot_names": []}, "parameter robot_names = []: must be of type string array and not empty"),
-        ({"wind": []}, "parameter wind = []: must be of type double array and not empty"),
-        ({"wind": [1.0]}, "entries of parameter wind = 1: must be 3"),
-        ({"start_positions": [0.0, 1.0]}, "entries of parameter start_positions = 2: must be 3"),
-        ({"dynamics": "wrong"}, "identified or ideal"),
-        ({"vehicle": "wrong"}, "cf21"),
-        (
-            {"robots__cf9__vehicle": "cf21"},
-            "robots.cf9.vehicle: not known here; the nearest is robots.cf1.vehicle",
-        ),
-        ({"robot_types__big__vehicle": "cf21"}, "parameter robot_types.big.vehicle: not known here"),
-    ],
-)
-def test_bad_parameters_are_refused_in_one_line(lab: Lab, parameters: dict[str, Any], reason: str) -> None:
-    simulator = lab.start("sim_drone", **parameters)
-    assert simulator.wait() == 2
-    assert simulator.output.startswith("error: ")
-    assert reason in simulator.output
-    assert simulator.output.count("\n") == 1
-
-
 def test_arguments_that_ros_itself_refuses_end_it_without_a_traceback(lab: Lab) -> None:
     simulator = lab.start("sim_drone", **{"my drone": 1.0})
     assert simulator.wait() == 2

@@ -61,15 +61,6 @@ def test_drones_of_two_types_fly_side_by_side_and_turn_to_their_yaw(lab: Lab, cr
     assert hover["cf2"] == pytest.approx(31583, rel=0.05)
 
 
-def test_a_profile_that_cannot_lift_what_the_certificate_allows_is_refused_by_robot(lab: Lab, tmp_path: Path) -> None:
-    stock = (Path(__file__).parents[2] / "config" / "vehicles" / "cf21.yaml").read_text(encoding="utf-8")
-    heavy = tmp_path / "heavy.yaml"
-    heavy.write_text(stock.replace("mass: 0.029", "mass: 0.032").replace("name: cf21", "name: heavy"), encoding="utf-8")
-    controller = lab.start("controller", robot_names=["cf1", "cf2"], robots__cf2__vehicle=heavy)
-    assert controller.wait() == 2
-    assert "but cf2, vehicle 'heavy', lifts 13.73" in controller.output
-
-
 def test_a_yaw_mode_that_is_none_is_refused(lab: Lab) -> None:
     controller = lab.start("controller", yaw_mode="absolute")
     assert controller.wait() == 2
