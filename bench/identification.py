@@ -20,6 +20,7 @@ from scipy.signal import savgol_coeffs
 sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "support"))
 
 from flown import fly
+from prediction import ahead
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
@@ -30,14 +31,13 @@ from flatsat_ros.identification.fit import excited, fit
 from flatsat_ros.identification.identified import NAMES, Identified, estimate, figures_of, identify, telling
 from flatsat_ros.identification.log import read_log
 from flatsat_ros.identification.recording import read_csv
-from flatsat_ros.identification.residuals import REACH, Flight, twice_integrated
-from flatsat_ros.identification.response import Figures, lift, motion_of
+from flatsat_ros.identification.residuals import Flight
+from flatsat_ros.identification.response import Figures
 from flatsat_ros.identification.screening import STEP, Samples, position_noise, screen
 from flatsat_ros.identification.validation import oldest
 
 AHEAD = 50  # samples, 0.5 s
 PAST = 11  # samples from which the state at the start is taken, 0.1 s, by a quadratic
-PUSHED = 50  # samples before the start, from which the push that goes on is taken
 CALIBRATION = 6.0  # s of flight from which each model gets thrust and frame
 
 
@@ -102,30 +102,10 @@ def calibrated(samples: Samples) -> Flight | None:
     return flight if len(flight.position_at) >= 20 else None
 
 
-def pushes(samples: Samples, figures: Figures, thrust: FloatArray) -> FloatArray:
-    """Return for each sample (M, 3) the mean of what thrust (M, 3) and drag left of the acceleration so far, m/s^2."""
-    place, reach = samples.position, (REACH * STEP) ** 2
-    half = np.cumsum(np.pad(place, ((1, 0), (0, 0))), axis=0) * STEP  # the integral of (H - |s|) p'(s) needs p alone
-    centres = np.arange(REACH, len(place) - REACH)
-    later, earlier = (half[centres + each + REACH] - half[centres + each] for each in (0, -REACH))
-    left = place[centres + REACH] - 2.0 * place[centres] + place[centres - REACH]
-    left += (figures.drag_xy, figures.drag_xy, figures.drag_z) * (later - earlier)
-    left[:, 2] += GRAVITY * reach
-    left -= twice_integrated(thrust, centres)
-    whole = np.convolve(samples.usable, np.ones(2 * REACH + 1), mode="valid") > 2 * REACH + 0.5
-    rows = np.column_stack([left / reach, np.ones(len(centres))]) * whole[:, None]
-    total = np.cumsum(np.concatenate([np.zeros((PUSHED, 4)), rows]), axis=0)
-    means = total[PUSHED:] - total[:-PUSHED]
-    found = np.zeros_like(place)
-    found[2 * REACH :] = means[:, :3] / np.maximum(means[:, 3:], 1.0)
-    return found
-
-
-def predicted(samples: Samples, figures: Figures, at: np.ndarray, pushed: bool = True) -> FloatArray | None:
+def predicted(samples: Samples, figures: Figures, at: np.ndarray) -> FloatArray | None:
     """Return positions (len(at), 3) AHEAD of samples, from the state there and the commands before and after.
 
-    Thrust and frame are those of the first CALIBRATION seconds; so is the trim, unless the push of the half second
-    before is taken to go on.
+    Thrust, frame and trim are those of the first CALIBRATION seconds.
     """
     first = calibrated(samples)
     if first is None:
@@ -157,59 +137,62 @@ def predicted(samples: Samples, figures: Figures, at: np.ndarray, pushed: bool =
     for k in range(len(place) - 1):
         tilts[k + 1], rates[k + 1] = turn(tilts[k], rates[k], np.array(k), velocity[k], np.cos(yaw[k]), np.sin(yaw[k]))
         thrusts[k + 1] = goal[k] + (thrusts[k] - goal[k]) * lag
-    push, trim = np.zeros((len(at), 3)), known.trim
-    if pushed:
-        push, trim = pushes(samples, figures, lift(motion_of(samples), tilts, thrusts))[at], np.zeros(2)
+    trim = known.trim
     p, v, tilt, rate, thrust = place[at], velocity[at], tilts[at], rates[at], thrusts[at]
     cos, sin = np.cos(yaw[at]), np.sin(yaw[at])
     drag = np.array([figures.drag_xy, figures.drag_xy, figures.drag_z])
-    for ahead in range(AHEAD):
+    for step in range(AHEAD):
         (sr, sp), (cr, cp) = np.sin(tilt).T, np.cos(tilt).T
         along, across = cr * sp * thrust + trim[0], -sr * thrust + trim[1]
         force = np.stack([cos * along - sin * across, sin * along + cos * across, cr * cp * thrust - GRAVITY], axis=-1)
-        a = force + push - drag * v
+        a = force - drag * v
         p, v = p + v * STEP + 0.5 * a * STEP * STEP, v + a * STEP
-        tilt, rate = turn(tilt, rate, at + ahead, v, cos, sin)
-        thrust = goal[at + ahead] + (thrust - goal[at + ahead]) * lag
+        tilt, rate = turn(tilt, rate, at + step, v, cos, sin)
+        thrust = goal[at + step] + (thrust - goal[at + step]) * lag
     return p
 
 
 def prediction(flights: Sequence[tuple[Samples, Figures]], base: VehicleProfile) -> None:
     """Print how far predictions are off after 0.5 s."""
-    errors: dict[str, list[FloatArray]] = {}
-    judged = 0
-    for samples, figures in flights:
-        at = starts(samples)
-        shipped = dataclasses.replace(figures_of(base), delay=0.03)
-        models = {
-            "drone-models' rotor, thrust and frame calibrated": predicted(samples, ROTOR, at, pushed=False),
-            "drone-models' rotor, also with the push": predicted(samples, ROTOR, at),
-            "drone-models' rotor with drag, calibrated": predicted(samples, ROTOR_DRAG, at, pushed=False),
-            "drone-models' rotor with drag, with the push": predicted(samples, ROTOR_DRAG, at),
-            f"{base.name}, thrust and frame calibrated": predicted(samples, shipped, at, pushed=False),
-            f"{base.name}, also with the push of the past 0.5 s": predicted(samples, shipped, at),
-            "identified, thrust and frame calibrated": predicted(samples, figures, at, pushed=False),
-            "identified, also with the push of the past 0.5 s": predicted(samples, figures, at),
-        }
-        if any(found is None for found in models.values()) or len(at) == 0:
+    judged = [(samples, figures, starts(samples)) for samples, figures in flights]
+    for samples, _, at in judged:
+        if len(at) == 0 or calibrated(samples) is None:
             print(f"  {samples.name}: too short after the calibration")
-            continue
-        judged += 1
-        place, velocity, acceleration = state(samples)
-        truth, time = samples.position[at + AHEAD], AHEAD * STEP
+    judged = [each for each in judged if len(each[2]) and calibrated(each[0]) is not None]
+    shipped = dataclasses.replace(figures_of(base), delay=0.03)
+    guesses: dict[str, list[FloatArray]] = {"constant velocity": [], "constant acceleration": []}
+    for samples, _, at in judged:
+        (place, velocity, acceleration), time = state(samples), AHEAD * STEP
         steady = place[at] + velocity[at] * time
-        for name, guess in (
-            ("constant velocity", steady),
-            ("constant acceleration", steady + 0.5 * acceleration[at] * time**2),
-            *models.items(),
-        ):
+        guesses["constant velocity"].append(steady)
+        guesses["constant acceleration"].append(steady + 0.5 * acceleration[at] * time**2)
+    for name, fixed in (
+        ("drone-models' rotor", ROTOR),
+        ("drone-models' rotor with drag", ROTOR_DRAG),
+        (base.name, shipped),
+        ("identified", None),
+    ):
+        kinds: dict[str, list[FloatArray]] = {"calibrated": [], "filtered": [], "filtered, adapting": []}
+        groups: dict[Figures, list[tuple[Samples, np.ndarray]]] = {}
+        for samples, figures, at in judged:
+            guess = predicted(samples, fixed or figures, at)
             assert guess is not None
-            errors.setdefault(name, []).append(np.linalg.norm(guess - truth, axis=1))
-    print(f"\nposition 0.5 s ahead, RMS, {judged} flights")
-    rms = {name: float(np.sqrt(np.mean(np.concatenate(found) ** 2))) for name, found in errors.items()}
-    best = rms.get("identified, also with the push of the past 0.5 s", math.nan)
+            kinds["calibrated"].append(guess)
+            groups.setdefault(fixed or figures, []).append((samples, at))
+        for figures, members in groups.items():
+            several, begins = [each for each, _ in members], [at for _, at in members]
+            for kind, adapt in (("filtered", False), ("filtered, adapting", True)):
+                kinds[kind].extend(ahead(several, figures, begins, AHEAD, adapt=adapt))
+        guesses |= {f"{name}, {kind}": found for kind, found in kinds.items()}
+    print(f"\nposition 0.5 s ahead, RMS, {len(judged)} flights")
+    truth = np.concatenate([samples.position[at + AHEAD] for samples, _, at in judged])
+    rms = {
+        name: float(np.sqrt(np.mean(((np.concatenate(found) - truth) ** 2).sum(axis=1))))
+        for name, found in guesses.items()
+    }
+    best = rms["identified, filtered, adapting"]
     for name, value in rms.items():
-        print(f"  {name:52s} {100.0 * value:6.2f} cm   identified over it: {best / value:.2f}")
+        print(f"  {name:52s} {100.0 * value:6.2f} cm   identified, adapting, over it: {best / value:.3f}")
 
 
 def coverage(known: Identified, others: Sequence[Samples], base: VehicleProfile) -> None:

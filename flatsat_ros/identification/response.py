@@ -81,15 +81,11 @@ def motion_of(samples: Samples) -> Motion:
 
 def respond(motion: Motion, figures: Figures) -> tuple[FloatArray, FloatArray]:
     """Return how a drone with these figures answers the commands of a flight: tilt (M, 2), rad, and T / T_full (M,)."""
-    command = _delayed(motion.samples.command, figures.delay)
+    command = delayed(motion.samples.command, figures.delay)
     goal = figures.attitude_gain * command[:, :2] + figures.velocity_tilt * motion.lean
     numerator, denominator = _second_order(figures.natural_frequency, figures.damping)
     tilt = lfilter(numerator, denominator, goal, axis=0)
-    relative = (np.clip(command[:, 2], 0.0, None) / PWM_FULL) ** figures.thrust_slope
-    keep = math.exp(-STEP / figures.thrust_lag)
-    start = [relative[0]]  # as if the first command had held for long
-    thrust, _ = lfilter([0.0, 1.0 - keep], [1.0, -keep], relative, zi=start)
-    return np.asarray(tilt), np.asarray(thrust)
+    return np.asarray(tilt), lagging(command[:, 2] / PWM_FULL, figures)
 
 
 def lift(motion: Motion, tilt: FloatArray, thrust: FloatArray) -> FloatArray:
@@ -100,7 +96,16 @@ def lift(motion: Motion, tilt: FloatArray, thrust: FloatArray) -> FloatArray:
     return np.stack([cos * along - sin * across, sin * along + cos * across, cr * cp * thrust], axis=-1)
 
 
-def _delayed(command: FloatArray, delay: float) -> FloatArray:
+def lagging(command: FloatArray, figures: Figures) -> FloatArray:
+    """Return T / T_full (M,) for thrust commands (M,) over PWM_FULL."""
+    relative = np.clip(command, 0.0, None) ** figures.thrust_slope
+    keep = math.exp(-STEP / figures.thrust_lag)
+    start = [relative[0]]  # as if the first command had held for long
+    thrust, _ = lfilter([0.0, 1.0 - keep], [1.0, -keep], relative, zi=start)
+    return np.asarray(thrust)
+
+
+def delayed(command: FloatArray, delay: float) -> FloatArray:
     """Return held commands (M, 3) a time later, s, as the mean over a STEP of what was held then."""
     whole = math.floor(delay / STEP)
     share = delay / STEP - whole
