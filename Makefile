@@ -20,6 +20,8 @@ python_found = $(firstword $(wildcard $(HOME)/.pyenv/versions/$(1)*/bin/python) 
 EXTREMES := $(foreach version,3.10 3.13,$(if $(call python_found,$(version)),.venv-$(version)))
 
 unexport PYTHONPATH AMENT_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
+# every node that starts, and every worker of the tests, would compile the package again
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help setup build demo test test-noble test-kernels bench reproduce falsify faults soak fuzz lint docs identification certificates clean test-browser test-crazyswarm2
 
