@@ -7,11 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import BoolArray, FloatArray
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.viewing.flight import Channel, Flight, Track
 
 _GAP = 0.5  # s: nothing is said of a drone's place in longer gaps between its poses
+_BELOW = 0.03  # m: a reference so far below all places where the drone was leads into the floor, to land
 _SETTLED = 2.0  # s after lift-off, from which on a share of the time is guaranteed
 
 
@@ -53,25 +54,26 @@ def _row(track: Track) -> list[float | None]:
     voltages = battery.column("voltage") if battery is not None else np.zeros(0)
     voltages = voltages[np.isfinite(voltages)]
     lowest = float(voltages.min()) if voltages.size else None
-    return [rate, *_tick_figures(track.channels.get("tick")), lowest]
+    return [rate, *_tick_figures(track.channels.get("tick"), pose), lowest]
 
 
 @np.errstate(invalid="ignore", over="ignore")  # what was recorded need not be finite
-def _tick_figures(ticks: Channel | None) -> list[float | None]:
+def _tick_figures(ticks: Channel | None, pose: Channel | None) -> list[float | None]:
     if ticks is None or len(ticks.times) == 0:
         return [None] * 8
     duration = float(np.quantile(ticks.column("tick_us"), 0.99))
     flying = ticks.column("mode") == Mode.FLY
     if not flying.any():
         return [None] * 7 + [duration]
-    error = np.sqrt(sum(ticks.column(f"error_{axis}")[flying] ** 2 for axis in "xyz"))
+    following = flying & ~_sinking(ticks, pose)
+    error = np.sqrt(sum(ticks.column(f"error_{axis}")[following] ** 2 for axis in "xyz"))
     thrust, roll, pitch = (ticks.column(name)[flying] for name in ("T", "phi", "theta"))
     times = ticks.times[flying]
     settled = times >= times[0] + _SETTLED
     proven = ticks.column("guaranteed")[flying][settled]
     return [
-        100.0 * float(np.sqrt((error**2).mean())),
-        100.0 * float(error.max()),
+        100.0 * float(np.sqrt((error**2).mean())) if error.size else None,
+        100.0 * float(error.max()) if error.size else None,
         100.0 * float(proven.mean()) if proven.size else None,
         float(thrust.min()),
         float(thrust.max()),
@@ -79,6 +81,17 @@ def _tick_figures(ticks: Channel | None) -> list[float | None]:
         float(ticks.column("gamma")[flying].max()),
         duration,
     ]
+
+
+def _sinking(ticks: Channel, pose: Channel | None) -> BoolArray:
+    """Tell of each tick (n,) whether its reference lies below the floor: at the end of a landing it goes on sinking."""
+    height = pose.column("z") if pose is not None else np.zeros(0)
+    known = np.isfinite(height)
+    if pose is None or not known.any():
+        return np.zeros(ticks.times.shape, dtype=bool)
+    height = height[known]
+    reference = np.interp(ticks.times, pose.times[known], height) - ticks.column("error_z")
+    return np.asarray(reference < height.min() - _BELOW)
 
 
 def _lines(flight: Flight) -> list[str]:

@@ -19,11 +19,13 @@ from typing import Any
 from flatsat_ros.base.errors import refusal
 
 ADDRESS = "127.0.0.1"
-VIEWERS = 8  # at once
+VIEWERS, CONNECTIONS = 8, 64  # at once
 _BODY = 4096  # bytes, of a command
 _SILENCE = 10.0  # s, after which a connection on which nothing comes is closed
 _PATIENCE = 5.0  # s, for what a command brought about
 _KEEP_ALIVE = 2.0  # s: so often something is sent, to notice a browser that has left
+_LOOK = 0.1  # s: so often it is seen whether to end
+_AGAIN = 0.3  # s, after which a browser that has lost the stream asks for it again
 
 Command = Callable[[dict[str, Any]], "Future[str]"]
 
@@ -98,13 +100,12 @@ class ConsoleServer:
         """
         handler = type("_Handler", (_Handler,), {"page": page.encode(), "stream": stream, "ask": staticmethod(command)})
         try:
-            self._server = ThreadingHTTPServer((ADDRESS, port), handler)
+            self._server = _Server((ADDRESS, port), handler)
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or error
             raise refusal("parameter port", port, "", f"one on which nobody listens on {ADDRESS} ({reason})") from error
-        self._server.daemon_threads = True
         self._stream = stream
-        self._thread = threading.Thread(target=self._server.serve_forever, name="console", daemon=True)
+        self._thread = threading.Thread(target=self._server.serve_forever, args=[_LOOK], name="console", daemon=True)
         self._thread.start()
 
     @property
@@ -117,6 +118,31 @@ class ConsoleServer:
         self._stream.close()
         self._server.shutdown()
         self._server.server_close()
+
+
+class _Server(ThreadingHTTPServer):
+    """A thread for each connection, as long as there are not too many."""
+
+    daemon_threads = True
+    request_queue_size = CONNECTIONS
+
+    def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
+        self._room = threading.BoundedSemaphore(CONNECTIONS)
+        super().__init__(address, handler)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Serve a connection, or close it where there is no room."""
+        if self._room.acquire(blocking=False):
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Serve a connection to its end."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._room.release()
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -135,6 +161,12 @@ class _Handler(BaseHTTPRequestHandler):
             return
         if self.path == "/":
             self._send(HTTPStatus.OK, "text/html; charset=utf-8", self.page)
+        elif self.path == "/events" and self.headers.get("Sec-Fetch-Site", "same-origin") not in (
+            "same-origin",
+            "none",
+        ):
+            # a picture or a script of another site's page that takes up the room of viewers
+            self._refuse(HTTPStatus.FORBIDDEN, "the stream is for this console's own page only")
         elif self.path == "/events":
             self._stream_events()
         else:
@@ -181,6 +213,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_response(HTTPStatus.OK)
             self._send_headers("text/event-stream")
             self.end_headers()
+            self.wfile.write(b"retry: %d\n\n" % round(1000.0 * _AGAIN))
             seen = 0
             while (news := self.stream.wait(seen)) is not None:
                 seen, text = news

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import csv
+import io
+import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from browser import DESKTOP, PHONE, Page, browser
 from selenium.webdriver.common.keys import Keys
 
 from flatsat_ros.cli.demo import main
+from flatsat_ros.flight.telemetry import FIELDS
+from flatsat_ros.viewing.flight import POSE_FIELDS, Channel, Event, Flight, Track
+from flatsat_ros.viewing.page import report
 
 WIDTHS = {"desktop": DESKTOP, "phone": PHONE}
 
@@ -95,6 +102,62 @@ def test_the_page_shows_what_was_flown(flown: Path) -> None:
         drawn = page.run("return report.view.models[0].body.position.toArray()")
         told = page.run("return report.flight.drones[0].poseAt(9).position")
         assert drawn == pytest.approx(told, abs=1e-6)
+
+
+def test_the_data_are_saved_as_files_that_others_read(flown: Path, tmp_path: Path) -> None:
+    with browser(flown.as_uri()) as page:
+        ready(page)
+        page.find("#tab3").click()
+        buttons = page.driver.find_elements("css selector", "#panel3 button")
+        names = [button.text for button in buttons]
+        assert names == [
+            f"{drone}_{kind}.csv" for drone in ("cf1", "cf2", "cf3") for kind in ("pose", "tick", "command")
+        ]
+        for kind, fields in (("pose", POSE_FIELDS), ("tick", FIELDS)):
+            name = f"cf2_{kind}.csv"
+            text = page.downloaded(buttons[names.index(name)].click, name, tmp_path)
+            lines = list(csv.reader(io.StringIO(text)))
+            assert lines[0] == ["time_s", *fields]
+            rows = np.array([[float(cell or "nan") for cell in line] for line in lines[1:]])
+            told = page.run(
+                f"const c = report.flight.drones[1].channel('{kind}');"
+                "return [c.times, ...c.columns].map((column) => Array.from(column))"
+            )
+            expected = np.array(told, dtype=float).T
+            np.testing.assert_allclose(rows, expected, rtol=1e-6)
+            assert max(len(cell) for line in lines[1:] for cell in line) <= 15  # nobody wants 0.10000000149011612
+
+
+def test_a_recording_that_cannot_be_true_is_shown_all_the_same(tmp_path: Path) -> None:
+    times = np.arange(0.0, 10.0, 0.05)
+    wild = np.resize([np.nan, np.inf, -1e30, 1e30, 0.5], (times.size, len(FIELDS)))
+    tracks = []
+    for number in range(50):
+        place = np.column_stack([times, np.sin(times + number), 0.1 * number * np.ones((times.size, 2))])
+        place[::7, 1:] = np.nan
+        place[5, 1:] = 1e30
+        turn = np.resize([0.0, np.nan, 0.0, 0.0], (times.size, 4))
+        ticks = np.column_stack([times, wild])
+        channels = {"pose": Channel(POSE_FIELDS, np.column_stack([place, turn])), "tick": Channel(FIELDS, ticks)}
+        tracks.append(Track(f"<img src=x onerror=document.title=1>{number}", channels))
+    setup = {"box": "<b>", "floor": math.nan, "period": "x", "tube_m": [1], "gain_max": "</script>"}
+    events = [Event(1.0, "<i>", "error", "<script>document.title=1</script>" * 50), Event(math.nan, "", "odd", "")]
+    file = tmp_path / "wild.html"
+    file.write_text(report(Flight("<b>wild</b>", tracks, events, setup, ["<b>"])), encoding="utf-8")
+    with browser(f"{file.as_uri()}#5") as page:
+        ready(page)
+        assert page.text("#title") == "<b>wild</b>"
+        assert page.driver.title == "<b>wild</b> \N{EN DASH} flight report"
+        assert page.driver.find_elements("css selector", "img") == []
+        for number in range(4):
+            page.find(f"#tab{number}").click()
+        page.find("#play").click()
+        page.wait(lambda: now(page) > 5.2, "the flight to play")
+        page.find("#play").click()
+        assert page.run("return report.view.camera.position.length()") < 100.0
+        page.find("#tab0").click()
+        page.screenshot("report_wild")
+        page.require_sound()
 
 
 def test_without_network_nothing_is_asked_for(flown: Path) -> None:

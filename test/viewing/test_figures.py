@@ -57,6 +57,15 @@ def test_errors_are_those_in_flight_and_shares_count_from_two_seconds_after_lift
     assert found["tilt max"] == pytest.approx(np.degrees(0.1))
 
 
+def test_a_reference_that_sinks_through_the_floor_to_land_makes_no_error() -> None:
+    height = np.clip(1.0 - 0.2 * TIMES, 0.0, None)
+    reference = 0.98 - 0.2 * TIMES  # sinks on when the drone stands
+    place = np.column_stack([np.zeros((TIMES.size, 2)), height])
+    found = figures(Track("cf1", {"pose": poses(place), "tick": ticks(mode=Mode.FLY, error_z=height - reference)}))
+    assert found["error RMS"] == pytest.approx(2.0)
+    assert found["error max"] == pytest.approx(2.0)
+
+
 @pytest.mark.parametrize("absurd", [1e200, -1e308, np.inf, np.nan])
 def test_telemetry_that_cannot_be_true_makes_no_noise(absurd: float) -> None:
     channel = ticks(mode=Mode.FLY, **dict.fromkeys(["error_x", "error_y", "T", "phi", "gamma", "tick_us"], absurd))

@@ -16,7 +16,7 @@ import pytest
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.viewing.page import console
-from flatsat_ros.viewing.server import ADDRESS, VIEWERS, ConsoleServer, Stream
+from flatsat_ros.viewing.server import ADDRESS, CONNECTIONS, VIEWERS, ConsoleServer, Stream, _Handler
 
 PAGE = "<!doctype html><title>page</title>"
 
@@ -65,6 +65,8 @@ class Desk:
         connection = self.connect()
         connection.request("GET", "/events", headers={"Host": self.host})
         answer = connection.getresponse()
+        assert answer.readline() == b"retry: 300\n"
+        assert answer.readline() == b"\n"
         connection.sock = None  # the answer has it, and closes it
         return answer
 
@@ -136,6 +138,51 @@ def test_other_paths_and_other_sites_get_nothing(desk: Desk) -> None:
     for path in ("/", "/events"):
         assert desk.request("GET", path, Host="rebound.example:80")[0] == 421
     assert desk.request("PUT", "/command", "{}")[0] == 501
+
+
+@pytest.mark.parametrize(("site", "status"), [("cross-site", 403), ("same-site", 403), ("none", 200)])
+def test_pages_of_other_sites_cannot_take_the_room_of_viewers(desk: Desk, site: str, status: int) -> None:
+    connection = desk.connect()
+    connection.request("GET", "/events", headers={"Host": desk.host, "Sec-Fetch-Site": site})
+    with closing(connection):
+        assert connection.getresponse().status == status
+
+
+def test_connections_on_which_nothing_comes_are_closed_and_never_too_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_Handler, "timeout", 0.5)
+    desk = Desk()
+    port = int(desk.host.rpartition(":")[2])
+    idle = [socket.create_connection((ADDRESS, port), 5.0) for _ in range(2 * CONNECTIONS)]
+    for number, connection in enumerate(idle):
+        connection.sendall(b"GET / HTTP/1.1\r\n"[: number % 16])  # not to the end
+    wait_for(lambda: all(connection.recv(1) == b"" for connection in idle))
+    assert desk.request("GET", "/") == (200, PAGE)
+    for connection in idle:
+        connection.close()
+    desk.server.close()
+
+
+def test_a_viewer_that_does_not_read_holds_up_nobody_and_is_sent_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_Handler, "timeout", 2.0)
+    desk = Desk()
+    port = int(desk.host.rpartition(":")[2])
+    with socket.create_connection((ADDRESS, port), 5.0) as deaf:
+        deaf.sendall(f"GET /events HTTP/1.1\r\nHost: {desk.host}\r\n\r\n".encode())
+        wait_for(lambda: desk.followed == [True])
+        viewer = desk.follow()
+        for number in range(12):
+            text = b'{"number": %d, "long": "%s"}' % (number, b"x" * 1_000_000)
+            desk.stream.publish(text)
+            assert viewer.readline() == b"data: " + text + b"\n"
+            assert viewer.readline() == b"\n"
+        viewer.close()
+
+        def gone() -> bool:
+            desk.stream.publish(b"{}")
+            return desk.followed == [True, False]
+
+        wait_for(gone)
+    desk.server.close()
 
 
 def test_what_is_no_request_at_all_harms_nobody(desk: Desk) -> None:

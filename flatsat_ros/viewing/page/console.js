@@ -3,6 +3,8 @@
 const SHOWN = 30; // s, of the curves
 const LOST = 1.5; // s without news, after which the page says so
 const LATE = 0.5; // s, age of a pose that is shown in red
+const SILENT = 3.5; // s, age of what is told of a link once a second, after which it is not shown any more
+const LATECOMERS = 2.0; // s, that the view waits for the poses of all drones
 const SURE = 3.0; // s, within which a second click must come where one could be an accident
 // name, what it is, smallest and largest value of the slider, which is logarithmic
 const TUNED = [
@@ -73,6 +75,8 @@ class ConsolePage {
   listen() {
     const stream = new EventSource("/events");
     stream.onmessage = (message) => this.show(JSON.parse(message.data));
+    // a browser tries again by itself, but not where the server had no room for one more page
+    stream.onerror = () => stream.readyState === EventSource.CLOSED && setTimeout(() => this.listen(), 1000 * LOST);
   }
 
   show(picture) {
@@ -113,6 +117,7 @@ class ConsolePage {
     this.origin = picture.time - 0.01;
     this.drawn = -Infinity;
     this.flight = new LiveFlight(picture.setup, names);
+    if (this.view) this.view.close();
     for (const part of ["scene", "timeline", "plots", "cards"]) this.parts[part].replaceChildren();
     this.view = View3d.canDraw() && names.length ? new View3d(this.parts.scene, this.flight) : null;
     if (this.view) this.aimAt(this.view);
@@ -127,7 +132,7 @@ class ConsolePage {
 
   card(name, k) {
     const mode = element("span", { class: "mode" });
-    const lines = [element("p"), element("p")];
+    const lines = [element("p"), element("p"), element("p")];
     const button = (text, what, sure) => {
       const made = element("button", { type: "button", "data-what": what, ...(sure ? { "data-sure": "" } : {}) }, text);
       ConsolePage.guard(made, () => this.send({ do: what, who: name }));
@@ -167,12 +172,20 @@ class ConsolePage {
       const proven = which === 2 ? (value("guaranteed") === 1 ? "guaranteed" : ["not guaranteed", ASSUMPTIONS[value("assumption")]].filter(Boolean).join(": ")) : "";
       lines[0].replaceChildren("z ", element("b", {}, pose ? `${pose.position[2].toFixed(2)} m` : "–"), "  error ", element("b", {}, which === 2 ? `${error.toFixed(1)} cm` : "–"), "  γ ", element("b", {}, written(value("gamma"))), "  ", proven);
       lines[1].replaceChildren("battery ", element("b", {}, `${written(drone.channel("battery").at("voltage", time, 10))} V`), "  pose age ", old);
+      lines[2].replaceChildren("link ", ConsolePage.linkOf(drone));
     });
-    if (!this.looked && this.view && this.flight.drones.every((drone) => drone.channel("pose").length)) {
+    const seen = this.flight.drones.filter((drone) => drone.channel("pose").length).length;
+    if (!this.looked && this.view && seen && (seen === this.flight.drones.length || time > LATECOMERS)) {
       this.looked = true;
       this.view.paint();
       this.view.lookAtAll();
     }
+  }
+
+  /** What the node that speaks with a drone tells of it. */
+  static linkOf({ link }) {
+    if (!link || link.age > SILENT) return element("b", { class: "late" }, "not told of");
+    return element("b", link.severity ? { class: "late" } : {}, link.text);
   }
 
   aimAt(view) {
@@ -211,7 +224,7 @@ class ConsolePage {
       if ([range, number].includes(document.activeElement)) continue;
       const own = setup[`robots.${whose}.${name}`];
       const value = own === undefined ? setup[name] : own;
-      if (value === undefined) continue;
+      if (!Number.isFinite(value)) continue;
       number.value = Number(value.toPrecision(4));
       range.value = Math.log(Math.max(value, 1e-9));
     }

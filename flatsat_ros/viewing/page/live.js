@@ -46,6 +46,7 @@ class LiveFlight extends Flight {
     this.duration = time;
     picture.drones.forEach((told, k) => {
       const drone = this.drones[k];
+      drone.link = told.link;
       for (const [kind, channel] of [["pose", "pose"], ["telemetry", "tick"], ["battery", "battery"]]) {
         const news = told[kind];
         drone.ages[kind] = news ? news.age : Infinity;

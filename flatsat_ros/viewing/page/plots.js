@@ -147,7 +147,7 @@ class Plots {
     this.flight.drones.forEach((drone, k) => {
       const value = this.chosen[k] ? plot.data[k + 1][index] : null;
       if (value === null || value === undefined || reading.childElementCount >= 6) return;
-      reading.append(element("span", { style: `color:${colourOf(k)}` }, written(value)));
+      reading.append(element("span", {}, element("i", { class: "dot", style: `background:${colourOf(k)}` }), written(value)));
     });
   }
 

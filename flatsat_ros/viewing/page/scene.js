@@ -4,6 +4,9 @@ const ARM = 0.046; // m, from the centre of a Crazyflie to a rotor
 const SHOWN_LARGER = 2.0; // drones are drawn larger than they are, or nobody would see them from across a room
 const TRAIL = 8.0; // s
 const TRAIL_POINTS = 240;
+const FAR = 1000; // m: what is further away is no room, but a pose gone wrong
+const LONG = 20; // characters of a label, at most
+const LINES = 200; // of the grid, at most
 
 class View3d {
   constructor(host, flight) {
@@ -62,7 +65,6 @@ class View3d {
     nose.rotation.z = -Math.PI / 2; // forward is x
     nose.position.x = 0.75 * size;
     body.add(nose);
-    const label = View3d.label(drone.name, colourOf(k));
     const trail = new vendor.Line(
       new vendor.BufferGeometry().setAttribute("position", new vendor.BufferAttribute(new Float32Array(3 * TRAIL_POINTS), 3)),
       new vendor.LineBasicMaterial({ color: colour, transparent: true, opacity: 0.8 }),
@@ -74,7 +76,7 @@ class View3d {
     );
     const tube = new vendor.Mesh(
       new vendor.SphereGeometry(1, 24, 16),
-      new vendor.MeshBasicMaterial({ color: colour, transparent: true, opacity: 0.13, depthWrite: false }),
+      new vendor.MeshBasicMaterial({ color: colour, transparent: true, opacity: 0.2, depthWrite: false }),
     );
     const stick = new vendor.Line(
       new vendor.BufferGeometry().setAttribute("position", new vendor.BufferAttribute(new Float32Array(6), 3)),
@@ -82,12 +84,13 @@ class View3d {
     );
     stick.frustumCulled = false;
     const group = new vendor.Group();
-    group.add(body, label, trail, reference, tube, stick);
+    group.add(body, trail, reference, tube, stick);
     this.scene.add(group);
-    return { group, body, label, trail, reference, tube, stick };
+    return { group, body, label: null, trail, reference, tube, stick };
   }
 
-  static label(text, colour) {
+  static label(whole, colour) {
+    const text = whole.length > LONG ? `${whole.slice(0, LONG - 1)}…` : whole;
     const canvas = document.createElement("canvas");
     const pen = canvas.getContext("2d");
     const font = "600 44px system-ui, sans-serif";
@@ -115,7 +118,7 @@ class View3d {
       const step = Math.max(1, Math.floor(poses.length / 500));
       for (let k = 0; k < poses.length; k += step) {
         point.set(poses.columns[0][k], poses.columns[1][k], poses.columns[2][k]);
-        if (Number.isFinite(point.lengthSq())) box.expandByPoint(point);
+        if (point.length() < FAR) box.expandByPoint(point);
       }
     }
     return box.isEmpty() ? new vendor.Box3(new vendor.Vector3(-1, -1, 0), new vendor.Vector3(1, 1, 1)) : box;
@@ -138,12 +141,19 @@ class View3d {
   /** Draw floor, axes and box in the colours of the page. */
   paint() {
     this.surroundings.clear();
+    this.models.forEach((model, k) => {
+      const label = View3d.label(this.flight.drones[k].name, style("--ink"));
+      if (model.label) model.group.remove(model.label);
+      if (model.label) label.position.copy(model.label.position);
+      model.label = label;
+      model.group.add(label);
+    });
     const { setup } = this.flight;
     const box = this.extent();
     const floor = Number.isFinite(setup.floor) ? setup.floor : Math.min(0, box.min.z);
     const reach = Math.max(2, 2 * Math.ceil(Math.max(...[box.min.x, box.min.y, box.max.x, box.max.y].map(Math.abs)) + 0.5));
     const line = new vendor.Color(style("--line"));
-    const grid = new vendor.GridHelper(reach, reach * 2, new vendor.Color(style("--quiet")), line);
+    const grid = new vendor.GridHelper(reach, Math.min(reach * 2, LINES), new vendor.Color(style("--quiet")), line);
     grid.rotation.x = Math.PI / 2;
     grid.position.z = floor;
     this.surroundings.add(grid);
@@ -153,7 +163,7 @@ class View3d {
       label.position.copy(axis.clone().multiplyScalar(reach / 2)).setZ(floor);
       this.surroundings.add(label);
     }
-    if (setup.box && setup.box.every(Number.isFinite)) {
+    if (Array.isArray(setup.box) && setup.box.every(Number.isFinite)) {
       const [x0, y0, z0, x1, y1, z1] = setup.box;
       if (x1 - x0 < 4 * reach && y1 - y0 < 4 * reach) {
         const room = new vendor.Box3(new vendor.Vector3(x0, y0, z0), new vendor.Vector3(x1, y1, z1));
@@ -208,6 +218,12 @@ class View3d {
     }
     geometry.setDrawRange(0, Math.max(0, count));
     points.needsUpdate = true;
+  }
+
+  /** Give the graphics card back what it keeps for this view: browsers allow few of them. */
+  close() {
+    this.renderer.dispose();
+    this.renderer.forceContextLoss();
   }
 
   resize() {

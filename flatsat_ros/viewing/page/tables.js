@@ -68,10 +68,15 @@ class Tables {
     return list;
   }
 
+  /** A number as a spreadsheet reads it, with the digits that it has; nothing where there is none. */
+  static cell(value) {
+    return Number.isFinite(value) ? String(Number(value.toPrecision(7))) : "";
+  }
+
   static save(name, channel) {
     const lines = [["time_s", ...channel.fields].join(",")];
     for (let k = 0; k < channel.length; k += 1) {
-      lines.push([channel.times[k], ...channel.columns.map((column) => column[k])].join(","));
+      lines.push([channel.times[k], ...channel.columns.map((column) => column[k])].map(Tables.cell).join(","));
     }
     const address = URL.createObjectURL(new Blob([`${lines.join("\n")}\n`], { type: "text/csv" }));
     element("a", { href: address, download: name }).click();

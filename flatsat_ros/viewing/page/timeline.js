@@ -68,7 +68,8 @@ class Timeline {
     pen.textBaseline = "middle";
     const left = this.names;
     const { begin } = this;
-    const toX = (time) => left + ((width - left) * Math.max(0, time - begin)) / (end - begin || 1);
+    // whole pixels: two strips that meet inside of one would let the paper shine through
+    const toX = (time) => Math.round(left + ((width - left) * Math.max(0, time - begin)) / (end - begin || 1));
     drones.forEach((drone, k) => {
       const top = row * k;
       pen.fillStyle = style("--ink");

@@ -1,0 +1,106 @@
+"""The console's page in a browser, fed with what no node of ours would tell: `make test-browser`."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from browser import PHONE
+from console_page import ConsolePage, opened
+
+from flatsat_ros.flight.telemetry import FIELDS
+from flatsat_ros.viewing.page import console
+from flatsat_ros.viewing.server import ConsoleServer, Stream
+
+EVIL = "<img src=x onerror=document.title=1>"
+SETUPS: tuple[dict[str, Any], ...] = (
+    {},
+    {"certificate": EVIL, "period": "x", "box": 3, "floor": None, "mu": "x", "nu": [1], "tube_m": EVIL},
+    {"certificate": ["<b>"], "period": 0, "box": ["a", None], "v_inf": -1.0, "gamma_max": 1e300, "gain_max": None},
+)
+ROWS: tuple[list[float | None], ...] = ([], [None] * len(FIELDS), [1e300] * len(FIELDS), [-1.5] * len(FIELDS))
+
+
+class Teller:
+    """Tells pages whatever it is given, and refuses what they ask for."""
+
+    def __init__(self) -> None:
+        self.stream = Stream(lambda _: None)
+        self.server = ConsoleServer(0, console(), self.stream, self._refuse)
+        self._line = 0
+
+    def _refuse(self, wanted: dict[str, Any]) -> Future[str]:
+        answer: Future[str] = Future()
+        answer.set_exception(ValueError(f"{EVIL} {wanted}"))
+        return answer
+
+    def tell(self, names: list[str], setup: dict[str, Any], row: list[float | None]) -> None:
+        """Show drones."""
+        self._line += 1
+        drones = [
+            {
+                "name": name,
+                "pose": {
+                    "age": 0.01,
+                    "stamp": 0.0,
+                    "values": [0.1 * k, None if k == 3 else 1e30 if k == 4 else 0.2 * k, 1.0, 0, 0, 0, 0],
+                },
+                "flatsat/telemetry".rpartition("/")[2]: {"age": 0.01, "values": row},
+                "battery": {"age": 0.5, "values": [None]},
+                "link": {"age": 0.5, "severity": 2, "text": EVIL},
+            }
+            for k, name in enumerate(names)
+        ]
+        lines = [{"number": self._line, "level": 40, "text": EVIL}]
+        picture = {"time": time.time(), "setup": setup, "drones": drones, "lines": lines}
+        self.stream.publish(json.dumps(picture).encode())
+
+
+@contextmanager
+def told(size: tuple[int, int]) -> Iterator[tuple[Teller, ConsolePage]]:
+    teller = Teller()
+    try:
+        with opened(teller.server.address, size) as page:
+            yield teller, page
+    finally:
+        teller.server.close()
+
+
+@pytest.mark.parametrize("size", [(1280, 900), PHONE])
+def test_whatever_is_told_the_page_stays_usable(size: tuple[int, int]) -> None:
+    names = [f"{EVIL}{number}" if number < 3 else f"cf{number}" for number in range(50)]
+    with told(size) as (teller, console_page):
+        page = console_page.page
+        for setup in SETUPS:
+            for row in ROWS:
+                for _ in range(3):
+                    teller.tell(names, setup, row)
+                    time.sleep(0.05)
+        page.wait(lambda: len(console_page.modes()) == 50, "fifty drones")
+        assert page.driver.find_elements("css selector", "img") == []
+        assert page.driver.title.startswith("Console")
+        assert page.text("#log li") == EVIL
+        console_page.press(1, "land")
+        console_page.await_words(EVIL)
+        assert page.run("return console_.view.camera.position.length()") < 100.0
+        assert page.run("return document.documentElement.scrollWidth") <= size[0]
+        teller.tell(names[::-1], {}, [])
+        page.wait(lambda: page.text(".card h3") != "", "other drones")
+        assert page.run("return document.querySelectorAll('#scene canvas').length") == 1
+        page.screenshot(f"console_fifty_{size[0]}")
+        page.require_sound()
+
+
+def test_many_changes_of_the_drones_leave_one_scene_that_is_drawn() -> None:
+    with told((1280, 900)) as (teller, console_page):
+        page = console_page.page
+        for number in range(24):  # browsers take the graphics away from the oldest of sixteen
+            teller.tell([f"cf{number}"], {}, [])
+            page.wait(lambda n=number: page.run("return console_.flight?.drones[0].name") == f"cf{n}", "the next drone")
+        assert page.run("return console_.view.renderer.getContext().isContextLost()") is False
+        page.require_sound()
