@@ -66,7 +66,7 @@ test-kernels: setup $(EXTREMES:%=%/.done)  ## law, certificates, synthesis as on
 	touch $@
 
 test-browser: build .venv/.browser  ## the pages as a person uses them; needs Debian's chromium and chromium-driver
-	$(SOURCED) $(BIN)/pytest $(ARGS) test/viewing/browser_report.py test/nodes/browser_console.py
+	$(SOURCED) $(BIN)/pytest $(ARGS) test/viewing/browser_report.py test/viewing/browser_console_page.py test/nodes/browser_console.py test/nodes/browser_console_life.py
 
 .venv/.browser: requirements/browser.txt
 	$(BIN)/python -m pip install --disable-pip-version-check --requirement $<

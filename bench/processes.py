@@ -129,7 +129,7 @@ def measure(certificate: Path, folder: Path) -> Measurement:
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     executor = EventsExecutor()
     try:
-        with _running(_commands(certificate, period), folder / "log") as players:
+        with running(_commands(certificate, period), folder / "log") as players:
             stage = Stage(list(players))
             executor.add_node(stage)
             try:
@@ -167,9 +167,9 @@ def _rounds(
         if not stage.flying():
             raise FlatsatError("the controller does not fly")
         heard = stage.heard_of()
-        begin, before = time.monotonic(), _processor_times(pids)
+        begin, before = time.monotonic(), processor_times(pids)
         spin(_ROUND)
-        elapsed, after = time.monotonic() - begin, _processor_times(pids)
+        elapsed, after = time.monotonic() - begin, processor_times(pids)
         for name in measurement.cpu:
             measurement.cpu[name].append((after[name] - before[name]) / elapsed)
         for name, count in stage.heard_of().items():
@@ -183,7 +183,7 @@ def _rounds(
     return measurement
 
 
-def _processor_times(pids: dict[str, int]) -> dict[str, float]:
+def processor_times(pids: dict[str, int]) -> dict[str, float]:
     """Return user and system time of each process, s, to the nanosecond: the kernel's clock of that process."""
     times = {name: time.clock_gettime(~pid << 3 | 2) for name, pid in pids.items()}
     return times | {SELF: time.process_time()}
@@ -210,7 +210,7 @@ def _commands(certificate: Path, period: float) -> dict[str, list[str]]:
 
 
 @contextmanager
-def _running(commands: dict[str, list[str]], logs: Path) -> Iterator[dict[str, subprocess.Popen[bytes]]]:
+def running(commands: dict[str, list[str]], logs: Path) -> Iterator[dict[str, subprocess.Popen[bytes]]]:
     """Start the processes, each with its own log file, and end them, whatever happens in between."""
     make_folder(logs)
     running: dict[str, subprocess.Popen[bytes]] = {}

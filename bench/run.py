@@ -1,4 +1,4 @@
-"""`make bench`: the law and plans against solvers, the controller process against bare echo nodes, flights, tubes.
+"""`make bench`: law and plans against solvers, nodes against bare ones, flights, tubes, what the viewer costs.
 
 Exit code 0 when all answers agree, every process did its work and no proof takes too long against the controller's
 start; other targets are reported, not enforced.
@@ -11,6 +11,7 @@ import json
 import os
 import platform
 import sys
+import tempfile
 from collections.abc import Mapping, Sequence
 from functools import partial
 from importlib.metadata import version
@@ -28,6 +29,7 @@ import processes
 import proofs
 import swap
 import tick
+import viewer
 from report import Quartiles, Target, quartiles, table
 from tqdm import tqdm
 
@@ -67,6 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             "proofs": _compare_proofs(targets),
             "offset_free": _compare_offsets(targets),
             "swap": _compare_swaps(targets),
+            "viewer": _compare_viewer(folder, targets),
         }  # fmt: skip
     except FlatsatError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -241,6 +244,22 @@ def _compare_plans(folder: Path | None, targets: list[Target]) -> list[dict[str,
             Target(f"{what}: {found.name}", most, Quartiles(value, value, value)) for what, most, value in figures
         ]
     return [found._asdict() for found in results]
+
+
+def _compare_viewer(folder: Path, targets: list[Target]) -> dict[str, Any]:
+    with tempfile.TemporaryDirectory(dir=folder) as made:
+        report = viewer.report_cost(Path(made))
+        console = viewer.console_cost(Path(made))
+    size = float(report.size)
+    unseen, seen, ticks = quartiles(console.unseen), quartiles(console.seen), console.ticks()
+    targets += [
+        Target("report of ten drones for 60 s at 50 Hz, bytes", viewer.SIZE_TARGET, Quartiles(size, size, size)),
+        Target("making the report over reading the bag", viewer.READING_TARGET, quartiles(report.over_reading)),
+        Target("console without a browser over a bare subscriber", viewer.SUBSCRIBER_TARGET, unseen),
+        Target("tick with console and page over that without, spread of that without", console.spread(), ticks),
+    ]
+    print(f"\nConsole with a page over a bare subscriber to its topics, three drones at 50 Hz: {seen}")
+    return {"report": report._asdict(), "console": console._asdict()}
 
 
 def _compare_ticks(commit: str) -> int:

@@ -34,6 +34,7 @@ NODE = "flatsat_console"
 _PERIOD = 0.05  # s, between two pictures
 _LINES = 200  # of the log, kept for pages that come later
 _LINE_LENGTH = 4000  # characters
+_BETWEEN = ": "  # node and drone in the name of a status
 _ROBOTS = 200  # at most: for each there are topics
 _READY = 2.0  # s, that a service has to be there
 _REFUSED = 0.4  # s, within which the controller refuses a goal, if it does
@@ -55,6 +56,7 @@ class Console(ProgramNode):
         self._lines: deque[dict[str, Any]] = deque(maxlen=_LINES)
         self._line_number = 0
         self._newest: dict[tuple[str, str], tuple[float, bytes]] = {}  # by robot and topic: arrival, s, and message
+        self._links: dict[str, tuple[float, dict[str, Any]]] = {}  # by robot: arrival, s, and how its drone says it is
         self._refusals: deque[tuple[float, str]] = deque(maxlen=100)
         self._open_subscriptions: list[Subscription] = []
         self._goals: dict[str, Publisher] = {}
@@ -98,6 +100,8 @@ class Console(ProgramNode):
         hear = self._open_subscriptions.append
         hear(self._hear(interfaces.LOG, interfaces.LOG.suffix, self._on_line))
         hear(self._hear(interfaces.REFUSALS, interfaces.REFUSALS.suffix, self._on_refusal))
+        kind, quality = interfaces.DIAGNOSTICS_KIND, interfaces.DIAGNOSTICS_QOS
+        hear(self.create_subscription(kind, interfaces.DIAGNOSTICS, self._on_statuses, quality, raw=True))
         for robot in self._robots:
             goal = interfaces.GOAL
             self._goals[robot] = self.create_publisher(goal.kind, goal.of(robot), goal.publish)
@@ -116,6 +120,7 @@ class Console(ProgramNode):
             self.destroy_publisher(publisher)
         self._goals.clear()
         self._newest.clear()
+        self._links.clear()
 
     def _on_setup(self, data: bytes) -> None:
         found = _setup(messages.text_from_message(cdr.message_from_cdr(data, interfaces.SETUP.kind)))
@@ -136,6 +141,15 @@ class Console(ProgramNode):
         line = f"{name}: {text}"[:_LINE_LENGTH]
         self._lines.append({"number": self._line_number, "level": level, "text": line})
 
+    def _on_statuses(self, data: bytes) -> None:
+        """Keep what the nodes that speak with drones say of their links; the controller's telemetry says the rest."""
+        message = cdr.message_from_cdr(data, interfaces.DIAGNOSTICS_KIND)
+        for name, hardware, severity, text in messages.statuses_from_message(message):
+            node, _, robot = name.rpartition(_BETWEEN)
+            if robot in self._robots and node != interfaces.CONTROLLER_NODE:
+                where = node if hardware == robot else hardware
+                self._links[robot] = time.monotonic(), {"severity": severity, "text": f"{where}: {text}"[:_LINE_LENGTH]}
+
     def _on_refusal(self, data: bytes) -> None:
         text = messages.text_from_message(cdr.message_from_cdr(data, interfaces.REFUSALS.kind))
         self._refusals.append((time.monotonic(), one_line(text)))
@@ -147,7 +161,10 @@ class Console(ProgramNode):
             drone: dict[str, Any] = {"name": robot}
             for suffix, (arrival, data) in ((s, m) for (r, s), m in self._newest.items() if r == robot):
                 with self.faults.contain(f"{robot}/{suffix}"):
-                    drone[suffix.rpartition("/")[2]] = {"age": now - arrival, "values": _values(suffix, data)}
+                    drone[suffix.rpartition("/")[2]] = {"age": now - arrival, **_told(suffix, data)}
+            if robot in self._links:
+                arrival, link = self._links[robot]
+                drone["link"] = {"age": now - arrival, **link}
             drones.append(drone)
         picture = {"time": time.time(), "setup": self._setup, "drones": drones, "lines": list(self._lines)}
         self._stream.publish(json.dumps(plain(picture), allow_nan=False).encode())
@@ -288,15 +305,15 @@ def _setup(text: str) -> dict[str, Any]:
     return dict(found)
 
 
-def _values(suffix: str, data: bytes) -> list[float]:
-    """Return what a message of a robot's topic says."""
+def _told(suffix: str, data: bytes) -> dict[str, Any]:
+    """Return what a message of a robot's topic says: `values`, and `stamp`, s, of a pose."""
     if suffix == interfaces.POSE.suffix:
-        _, position, turn = cdr.pose_from_cdr(data)
-        return [*position, *turn]
+        stamp, position, turn = cdr.pose_from_cdr(data)
+        return {"values": [*position, *turn], "stamp": stamp / messages.NANOSECONDS}
     if suffix == interfaces.TELEMETRY.suffix:
         row = messages.telemetry_from_message(cdr.message_from_cdr(data, interfaces.TELEMETRY.kind)).tolist()
-        return row if len(row) == len(FIELDS) else []
-    return [messages.voltage_from_message(cdr.message_from_cdr(data, interfaces.BATTERY.kind))]
+        return {"values": row if len(row) == len(FIELDS) else []}
+    return {"values": [messages.voltage_from_message(cdr.message_from_cdr(data, interfaces.BATTERY.kind))]}
 
 
 def _is_number(value: object) -> TypeGuard[float]:

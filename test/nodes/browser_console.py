@@ -1,111 +1,199 @@
-"""The console's page as a person uses it, with live simulated drones: `make test-browser`."""
+"""Every control of the console's page, as a person uses it, against live simulated drones: `make test-browser`."""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
-from browser import DESKTOP, PHONE, Page, browser
-from selenium.webdriver.common.action_chains import ActionChains
+import pytest
+from browser import DESKTOP, PHONE
+from console_page import address_of, opened
 from selenium.webdriver.common.keys import Keys
 
 if TYPE_CHECKING:
     from conftest import Lab
 
 ROBOTS = ("cf1", "cf2")
+TUNED = {"mu": 20.0, "v_inf": 1e-6, "gamma_max": 2.5, "nu": 0.02}
+WIDTHS = {"desktop": DESKTOP, "phone": PHONE}
 
 
-def modes(page: Page) -> list[str]:
-    return [mode.text for mode in page.driver.find_elements("css selector", ".card .mode")]
-
-
-def press(page: Page, drone: int, what: str) -> None:
-    """Press a button of a drone's card, twice where it wants to be sure."""
-    selector = f".card:nth-child({drone}) [data-what={what}]"
-    page.find(selector).click()
-    if page.text(selector) == "Click again":
-        page.find(selector).click()
-
-
-def tune(page: Page, name: str, value: str) -> None:
-    field = page.find(f"#tune-{name}")
-    field.clear()
-    field.send_keys(value, Keys.TAB)
-
-
-def test_every_control_reaches_the_drones(lab: Lab) -> None:
+def lab_with_console(lab: Lab) -> str:
+    """Start two drones, a controller whose certificate has tubes, and a console; return its address."""
     lab.start("sim_drone", robot_names=list(ROBOTS))
-    lab.fly(*ROBOTS)
-    console = lab.start("console", port=0)
-    lab.wait(lambda: "http://" in console.output, "the address")
-    address = console.output.partition("open ")[2].split()[0]
-    with browser(address, DESKTOP) as page:
-        page.wait(lambda: modes(page) == ["IDLE", "IDLE"], "both drones on the page")
-        assert "2 drones" in page.text("#subtitle")
+    lab.fly(*ROBOTS, certificate="cf21_adaptive_50hz")
+    return address_of(lab, lab.start("console", port=0))
 
-        # one click is not enough where it could be an accident
-        page.find("#takeoff-all").click()
-        assert page.text("#takeoff-all") == "Click again"
-        page.find("#takeoff-all").click()
-        page.wait(lambda: modes(page) == ["FLY", "FLY"], "the take-off")
 
-        # mu, and gamma that answers
-        tune(page, "mu", "20")
-        page.wait(lambda: "set all: done" in page.text("#said"), "the new value")
-        tune(page, "v_inf", "0.000001")
-        page.wait(lambda: page.run("return console_.flight.setup.v_inf") == 1e-6, "the value on the page")
-        before = page.run("return console_.flight.drones[0].channel('tick').at('gamma', console_.flight.end)")
-        page.wait(
-            lambda: (
-                page.run("return console_.flight.drones[0].channel('tick').at('gamma', console_.flight.end)") > before
-            ),
-            "gamma to grow",
+def test_the_buttons_of_one_drone_and_of_all_do_what_they_say(lab: Lab) -> None:
+    with opened(lab_with_console(lab)) as console:
+        page = console.page
+        console.await_modes("IDLE", "IDLE")
+        assert page.text("#subtitle") == "2 drones, certificate cf21_adaptive_50hz, 50 Hz"
+
+        # one click is not enough where it could be an accident, and is forgotten
+        page.find("#takeoff-all").click()
+        page.wait(lambda: page.text("#takeoff-all") == "Take off all", "the first click to be forgotten")
+        assert console.modes() == ["IDLE", "IDLE"]
+
+        console.press(1, "takeoff")
+        console.await_modes("FLY", "IDLE")
+        console.press(1, "hold")
+        console.await_words("hold cf1:")
+        console.press(1, "land")
+        page.wait(lambda: console.modes()[0] in ("REST", "IDLE"), "the landing of one")
+        console.await_modes("IDLE", "IDLE")
+        console.press(1, "disarm")
+        console.await_words("disarm cf1:")
+        console.press(1, "takeoff")
+        console.await_words("disarmed: arm it first")
+        assert console.is_refused()
+        console.press(1, "arm")
+        console.await_words("arm cf1:")
+        console.await_modes("IDLE", "IDLE")
+
+        console.press("all", "disarm")
+        console.await_words("disarm all:")
+        console.press("all", "takeoff")
+        console.await_words("cf2: takeoff refused: the drone is disarmed")
+        console.press("all", "arm")
+        console.await_words("arm all:")
+        console.await_modes("IDLE", "IDLE")
+        console.press("all", "takeoff")
+        console.await_modes("FLY", "FLY")
+        console.press("all", "hold")
+        console.await_words("hold all:")
+        console.press("all", "hand_over")
+        console.await_words("hand_over refused")
+        assert console.modes() == ["FLY", "FLY"]
+        console.press("all", "land")
+        page.wait(lambda: set(console.modes()) <= {"REST", "IDLE"}, "the landing of all")
+
+        # the keyboard: space lands all also where a button has the focus, but not where somebody types
+        console.await_modes("IDLE", "IDLE")
+        console.press("all", "takeoff")
+        console.await_modes("FLY", "FLY")
+        page.find("#height").send_keys(" ")
+        page.find("#hold-all").click()
+        console.await_words("hold all:")
+        assert console.modes() == ["FLY", "FLY"]
+        page.driver.switch_to.active_element.send_keys(Keys.SPACE)
+        console.await_words("land all:")
+        page.wait(lambda: set(console.modes()) <= {"REST", "IDLE"}, "the space bar to land all")
+
+        # handed over to nobody: silence
+        console.await_modes("IDLE", "IDLE")
+        assert lab.set_parameters({"hand_over_force": True}) == [(True, "")]
+        console.press("all", "takeoff")
+        console.await_modes("FLY", "FLY")
+        console.press(2, "hand_over")
+        console.await_words("hand_over cf2:")
+        page.wait(lambda: console.modes()[1] != "FLY", "the controller to fall silent")
+        assert console.modes()[0] == "FLY"
+
+        console.press(1, "emergency")
+        page.wait(lambda: console.modes()[0] == "FALLEN", "the emergency stop of one")
+        page.require_sound()
+
+
+@pytest.mark.parametrize("stop", ["button", "key"])
+def test_an_emergency_stops_all(lab: Lab, stop: str) -> None:
+    with opened(lab_with_console(lab)) as console:
+        console.await_modes("IDLE", "IDLE")
+        console.press("all", "takeoff")
+        console.await_modes("FLY", "FLY")
+        console.page.wait(
+            lambda: console.value(0, "z", "pose") > 0.2 < console.value(1, "z", "pose"), "the drones to rise"
         )
-        tune(page, "gamma_max", "100000")
-        page.wait(lambda: "must be at most the certificate's" in page.text("#said"), "why it is refused")
-        page.wait(lambda: page.find("#tune-gamma_max").get_attribute("value") == "0", "the value in force")
+        if stop == "button":
+            console.press("all", "emergency")
+        else:
+            console.page.find("#height").send_keys(Keys.ESCAPE)  # also where somebody types
+        console.await_modes("FALLEN", "FALLEN")
+        entries = console.page.driver.find_elements("css selector", "#log li.error")
+        assert any("FALLEN" in entry.text for entry in entries)
 
-        # a goal by a click on the floor, and one that is refused
+
+def test_tuning_and_goals_are_taken_or_refused_with_the_reason(lab: Lab) -> None:
+    address = lab_with_console(lab)
+    with opened(address) as console:
+        page = console.page
+        console.await_modes("IDLE", "IDLE")
+        console.press("all", "takeoff")
+        console.await_modes("FLY", "FLY")
+
+        # of all by numbers: gamma answers to mu; of one by sliders, the other keeps what it has
+        for name, value in TUNED.items():
+            console.tune(name, f"{value:f}")
+            page.wait(lambda n=name, v=value: console.setup(n) == v, f"{name} to be in force")
+        before = console.value(0, "gamma")
+        page.wait(lambda: console.value(0, "gamma") > before, "gamma to grow")
+        console.choose_tuning("cf2")
+        for name, (low, high) in {
+            "mu": (0.01, 100),
+            "v_inf": (1e-4, 10),
+            "gamma_max": (1, 100),
+            "nu": (0.001, 10),
+        }.items():
+            console.drag(name, 0.15)
+            own = f"robots.cf2.{name}"
+            page.wait(lambda n=own: console.setup(n) is not None, f"{own} to be in force")
+            share = math.log(console.setup(own) / low) / math.log(high / low)
+            assert share == pytest.approx(0.15, abs=0.06), name
+            assert console.setup(name) == TUNED[name]
+            assert console.setup(f"robots.cf1.{name}") is None
+        console.drag("gamma_max", 0.9)
+        console.await_words("must be at most the certificate's")
+        assert console.is_refused()
+        in_force = f"{console.setup('robots.cf2.gamma_max'):.4g}"
+        page.wait(
+            lambda: f"{float(page.find('#tune-gamma_max').get_attribute('value') or 0):.4g}" == in_force,
+            "the value in force to come back",
+        )
+
+        # goals by clicks on the floor, at the height that is given; without the tick a click sends nobody anywhere
+        console.click_floor()
+        assert "goal" not in console.said()
         page.find("#aim").click()
-        page.run("window.scrollTo(0, 0)")
-        scene = page.find("#scene canvas")
-        ActionChains(page.driver).move_to_element_with_offset(scene, -40, 60).click().perform()
-        page.wait(lambda: "cf1 flies to" in page.text("#said"), "the goal to be taken")
         height = page.find("#height")
         height.clear()
+        height.send_keys("0.7")
+        console.click_floor()
+        console.await_words("cf1 flies to")
+        assert console.said().endswith(", 0.70 m")
+        place = [float(word) for word in console.said().removesuffix(" m").partition("flies to ")[2].split(",")]
+        page.wait(
+            lambda: all(
+                abs(console.value(0, axis, "pose") - there) < lab.near for axis, there in zip("xyz", place, strict=True)
+            ),
+            f"cf1 at {place}",
+        )
+        page.find(".card:nth-child(2) h3 button").click()
+        assert page.text("#aimed") == "cf2"
+        height.clear()
         height.send_keys("99")
-        page.run("window.scrollTo(0, 0)")
-        ActionChains(page.driver).move_to_element_with_offset(scene, -40, 60).click().perform()
-        page.wait(lambda: "must be in the box" in page.text("#said"), "why the goal is refused")
-        assert "refused" in page.find("#said").get_attribute("class")
+        console.click_floor()
+        console.await_words("cf2/goal_pose: z of the goal = 99.0 m: must be in the box")
+        assert console.is_refused()
 
-        press(page, 1, "hold")
-        page.wait(lambda: page.text("#said").startswith("hold cf1"), "the hold")
-        press(page, 2, "land")
-        page.wait(lambda: modes(page)[1] in ("REST", "IDLE"), "the landing of one")
-        assert modes(page)[0] == "FLY"
-        page.screenshot("console_desktop")
+        # what a card says is what is told
+        page.wait(lambda: "sim_drone" in page.text(".card:nth-child(1)"), "the link")
+        card = page.text(".card:nth-child(1)")
+        assert f"battery {console.value(0, 'voltage', 'battery'):.3g} V" in card
+        assert "guaranteed" in card
+        age = page.run("return console_.flight.drones[0].ages.pose")
+        assert 0.0 <= age < 1.0
+        page.find("#look").click()
+        page.find("#theme").click()
         page.require_sound()
 
-        # the keyboard, from where nothing is typed
-        page.find("h1").click()
-        page.driver.switch_to.active_element.send_keys(Keys.SPACE)
-        page.wait(lambda: set(modes(page)) <= {"REST", "IDLE"}, "the space bar to land all")
-        page.wait(lambda: set(modes(page)) == {"IDLE"}, "the end of the rest")
-        press(page, 1, "disarm")
-        page.wait(lambda: "disarm cf1" in page.text("#said"), "the disarming")
-        press(page, 1, "takeoff")
-        page.wait(lambda: "disarmed: arm it first" in page.text("#said"), "why it does not take off")
-        press(page, 1, "arm")
-        page.wait(lambda: page.text("#said").startswith("arm cf1:"), "the arming")
-        page.wait(lambda: modes(page)[0] == "IDLE", "the unlocking to end")
-        press(page, 1, "takeoff")
-        page.wait(lambda: modes(page)[0] == "FLY", "the second take-off")
-        page.driver.switch_to.active_element.send_keys(Keys.ESCAPE)
-        page.wait(lambda: modes(page)[0] == "FALLEN", "the emergency stop")
-        assert any("FALLEN" in entry.text for entry in page.driver.find_elements("css selector", "#log li"))
-
-    with browser(address, PHONE) as page:
-        page.wait(lambda: modes(page)[:1] == ["FALLEN"], "the drones on a phone")
-        assert page.run("return document.documentElement.scrollWidth") <= PHONE[0]
-        page.screenshot("console_phone")
-        page.require_sound()
+    for width, size in WIDTHS.items():
+        for theme in ("light", "dark"):
+            with opened(address, size) as console:
+                console.await_modes("FLY", "FLY")
+                if theme == "dark":
+                    console.page.find("#theme").click()
+                console.page.wait(lambda: console.page.run("return console_.flight.end") > 6.0, "some curves")
+                assert console.page.run("return document.documentElement.scrollWidth") <= size[0]
+                console.page.screenshot(f"console_{width}_{theme}")
+                console.page.require_sound()

@@ -281,6 +281,13 @@ def diagnostic_status(
     return DiagnosticStatus(level=level, name=name, message=text, hardware_id=hardware, values=pairs)
 
 
+def statuses_from_message(message: DiagnosticArray) -> list[tuple[str, str, int, str]]:
+    """Return name, hardware, severity (0 well, 1 warning, 2 error, 3 out of date) and text of each status."""
+    return [
+        (str(s.name), str(s.hardware_id), int.from_bytes(s.level, "little"), str(s.message)) for s in message.status
+    ]
+
+
 def parameter_descriptor(
     meaning: str,
     *,
