@@ -84,7 +84,8 @@ class FlightRecord:
 
     def summary(self) -> dict[str, Any]:
         """Return the figures of summary.json, computed from what was recorded."""
-        paper = PAPER_RMS if len(self.robots) == len(PAPER_RMS) else (None,) * len(self.robots)
+        swapped = self.plan is None and len(self.robots) == len(PAPER_RMS)
+        paper = PAPER_RMS if swapped else (None,) * len(self.robots)
         durations = np.concatenate([r.ticks[:, _TICK_US] for r in self.robots.values()])
         return {
             "robots": {

@@ -10,6 +10,8 @@ bits 8 to 11 of supervisor.info.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from flatsat_ros.base.arrays import BoolArray, FloatArray, IntArray
@@ -135,9 +137,9 @@ class Firmware:
             self.thrust_locked[index] = False
         ignored = self.thrust_locked[index] or thrust < THRUST_MIN
         accepted = 0.0 if ignored else min(thrust, self._profile.pwm_max)
-        angles = np.deg2rad((roll, pitch, self._yaw_mode.sign * yaw))
-        self._setpoint[:3, index] = np.where(np.isfinite(angles), angles, np.nan)
-        self._setpoint[3, index] = accepted
+        angles = (roll, pitch, self._yaw_mode.sign * yaw)
+        finite = (math.radians(angle) if math.isfinite(angle) else math.nan for angle in angles)
+        self._setpoint[:, index] = *finite, accepted
         self._yaw_is_angle[index] = self._yaw_mode is YawMode.ANGLE
         self._mode[index] = Mode.ATTITUDE
         self._take_over(index, Mode.ATTITUDE, now)

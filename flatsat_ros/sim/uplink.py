@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import finite_array
@@ -206,7 +206,7 @@ class Uplink:
             def take(now: int) -> object:
                 return self.firmware.high_level.is_addressed(index, group) and everybodys(now)
 
-        self._packets.append(_Packet(int(np.ceil((self._now + self._delay) / STEP - ROUNDING)), take))
+        self._packets.append(_Packet(math.ceil((self._now + self._delay) / STEP - ROUNDING), take))
 
     def _rise(
         self, index: int, height: float, duration: float, yaw: float | None
