@@ -49,7 +49,7 @@ def save(path: Path, *places: tuple[float, float, float]) -> Path:
 def test_two_drones_exchange_their_places_in_wind_inside_their_tubes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(exchange, "SECONDS", 0.3)
+    monkeypatch.setattr(exchange, "SECONDS", 0.0)  # the first plan will do
     found: list[Round] = []
     scenario = exchange.exchange(tmp_path, 2, 0.4, found.append)
     assert scenario.duration == found[-1].duration
