@@ -44,7 +44,8 @@ def exchange(folder: Path, count: int, wind: float = 0.0, progress: Callable[[Ro
     from flatsat_ros.planning.improvement import rounds  # scipy and the solver take a while to import
 
     certificate, _ = default_certificate()
-    mission, found, ends = mission_of(certificate, count), [], [time.monotonic() + _PATIENCE]
+    mission, ends = mission_of(certificate, count), [time.monotonic() + _PATIENCE]
+    found: list[Round] = []
     for proved in rounds(mission, lambda: time.monotonic() > ends[-1]):
         if not found:
             ends.append(time.monotonic() + SECONDS)
