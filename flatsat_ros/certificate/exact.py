@@ -63,6 +63,8 @@ def semidefinite(matrix: Rationals) -> bool:
     """
     if any(entry < 0 for entry in np.diagonal(matrix)):
         return False
+    if len(matrix) == 2:  # most are
+        return bool(matrix[0, 0] * matrix[1, 1] >= matrix[0, 1] ** 2)
     whole = _coarse(matrix) if len(matrix) >= _MANY else integers(matrix)[0]
     before = 1  # E. H. Bareiss: with the pivot before, all quotients are integers
     while len(whole):

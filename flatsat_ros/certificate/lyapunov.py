@@ -123,8 +123,7 @@ def hold_growth(block: FloatArray, period: float, gain: float) -> float:
         period: h, s.
         gain: applied gain k.
     """
-    matrices = hold_matrices(hold_powers(block, period, gain))
-    return max(largest_relative_eigenvalue(matrix, block) for matrix in matrices)
+    return largest_relative_eigenvalue(np.array(hold_matrices(hold_powers(block, period, gain))), block)
 
 
 def hold_powers(block: Numbers, period: Numbers, gain: Numbers) -> Numbers:
@@ -214,12 +213,12 @@ def hold_gain_interval(rate: float, period: float) -> tuple[float, float]:
 
 
 def largest_relative_eigenvalue(matrix: FloatArray, metric: FloatArray) -> float:
-    """Return the largest x'M x / x'P x over all x; infinity where it overflows.
+    """Return the largest x'M x / x'P x over all x, of all matrices if there are several; infinity where it overflows.
 
     Args:
-        matrix: M (n, n), symmetric.
+        matrix: M (..., n, n), symmetric.
         metric: P (n, n), symmetric and positive definite.
     """
     factor = np.linalg.inv(np.linalg.cholesky(metric))
     scaled = factor @ matrix @ factor.T
-    return float(np.linalg.eigvalsh(scaled)[-1]) if np.isfinite(scaled).all() else math.inf
+    return float(np.linalg.eigvalsh(scaled)[..., -1].max()) if np.isfinite(scaled).all() else math.inf
