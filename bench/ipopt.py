@@ -26,6 +26,7 @@ _SHARE = 1.0 - 1e-3  # of the limits, which the planner keeps back for rounding 
 _RESERVE = 1e-4  # m/s^2, likewise
 _SHORTEST_LEG = 0.1  # s
 _SAMPLES = 3  # of each span, at which pairs keep apart
+_SMOOTH = 1e-3  # s, weight of the mean squared jerk over the largest
 _SWIRL = 0.05  # detour of each drone to its right at first, as a share of the way: the planner's, too
 
 
@@ -55,13 +56,14 @@ def shortest(mission: Mission, most: float) -> Answer:
     shapes, guess = _guess(mission)
     spans = len(shapes.lengths) // len(guess)
     times = casadi.SX.sym("h", len(guess))
+    pace, usual = casadi.SX(1.0), 1.0
     if len(mission.drones) == 1:
         widths = [times[leg] / spans for leg in range(len(guess)) for _ in range(spans)]
-        weights = _weights(widths)
     else:
         guess = guess.sum(keepdims=True)
-        widths = [share * times for share in np.diff(shapes.knots).tolist()]
-        weights = _weights(np.diff(shapes.knots).tolist())
+        widths = np.diff(shapes.knots).tolist()
+        pace, usual = times[0], float(guess[0])
+    weights = _weights(widths)
     smooth, free, beziers = [], [], []
     for number, drone in enumerate(mission.drones):
         own = casadi.SX.sym(f"c{number}", shapes.count - 2 * AT_REST, 3)
@@ -73,7 +75,7 @@ def shortest(mission: Mission, most: float) -> Answer:
         beziers.append(_beziers(casadi.vertcat(ends[0], own, ends[1]), weights, widths))
     asked = _Asked()
     for drone, own in zip(mission.drones, beziers, strict=True):
-        _keep_limits(asked, mission, own)
+        _keep_limits(asked, mission, own, pace, usual)
         for number in range(1, len(drone.waypoints) - 1):
             missed = own[0][int(shapes.passed[number]) * ORDER, :].T - casadi.DM(drone.waypoints[number])
             if drone.allowed[number] > 0.0:
@@ -81,9 +83,13 @@ def shortest(mission: Mission, most: float) -> Answer:
             else:
                 asked.ask(missed, 0.0, 0.0)
     _keep_apart(asked, mission, [own[0] for own in beziers])
+    # without a little smoothness all that is not at a limit is free, and ipopt wanders
+    jerks = [casadi.sumsqr(own[3]) / own[3].shape[0] for own in beziers]
+    smoothness = sum(jerks) / len(jerks) / (mission.bounds.jerk_max * usual**3) ** 2
     unknowns = casadi.vertcat(times, *(casadi.vec(own) for own in free))
+    cost = casadi.sum1(times) + _SMOOTH * smoothness
     solver = casadi.nlpsol(
-        "shortest", "ipopt", {"x": unknowns, "f": casadi.sum1(times), "g": casadi.vertcat(*asked.values)},
+        "shortest", "ipopt", {"x": unknowns, "f": cost, "g": casadi.vertcat(*asked.values)},
         {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 2000, "max_cpu_time": most}},
     )  # fmt: skip
     count = len(guess)
@@ -93,7 +99,7 @@ def shortest(mission: Mission, most: float) -> Answer:
     found = solver(x0=start, lbx=lowest, lbg=np.concatenate(asked.lower), ubg=np.concatenate(asked.upper))
     end = time.process_time()
     values = np.asarray(found["x"]).ravel()
-    durations = casadi.Function("widths", [times], [casadi.vertcat(*widths)])(values[:count])
+    durations = casadi.Function("widths", [times], [casadi.vertcat(*widths) * pace])(values[:count])
     knots = np.concatenate([[0], np.cumsum(np.rint(1e6 * np.asarray(durations).ravel()).astype(int))])
     rows = values[count:].reshape(len(mission.drones), 3, -1).transpose(0, 2, 1)
     curves = []
@@ -127,25 +133,35 @@ def _guess(mission: Mission) -> tuple[Shapes, FloatArray]:
     return shapes, np.asarray(proportions * (total / proportions.sum()))
 
 
-def _keep_limits(asked: _Asked, mission: Mission, beziers: list[casadi.SX]) -> None:
-    """Ask for the limits of one reference at its Bezier points; each point that spans share is asked for once."""
+def _keep_limits(asked: _Asked, mission: Mission, beziers: list[casadi.SX], pace: casadi.SX, usual: float) -> None:
+    """Ask for the limits of one reference at its Bezier points; each point that spans share is asked for once.
+
+    Args:
+        asked: gets them.
+        mission: whose limits they are.
+        beziers: of the reference, whose k-th derivative is multiplied by the k-th power of the pace.
+        pace: an expression, or 1.
+        usual: its value, about, by which limits are scaled.
+    """
     limits, bounds = mission.limits, mission.bounds
     distinct = []
     for order, values in enumerate(beziers):
         each, rows = ORDER - order, values.shape[0]
         distinct.append(values[[row for row in range(rows) if row % each < each - 1 or row == rows - 1], :])
-    margin = bounds.margin + _RESERVE
-    across, up = casadi.sum2(distinct[2][:, :2] ** 2), distinct[2][:, 2] + limits.gravity
-    room = up * math.sin(limits.tilt_max) - margin
-    asked.ask(room, 0.0, math.inf)
-    asked.ask(room**2 - math.cos(limits.tilt_max) ** 2 * across, 0.0, math.inf)
-    asked.ask(across + up**2, 0.0, (limits.thrust_max - margin) ** 2)
-    asked.ask(up, limits.thrust_min + margin, math.inf)
+    margin, square, scale = bounds.margin + _RESERVE, pace**2, usual**2
+    across, up = casadi.sum2(distinct[2][:, :2] ** 2), distinct[2][:, 2] + limits.gravity * square
+    room = up * math.sin(limits.tilt_max) - margin * square
+    asked.ask(room / scale, 0.0, math.inf)
+    asked.ask((room**2 - math.cos(limits.tilt_max) ** 2 * across) / scale**2, 0.0, math.inf)
+    asked.ask((across + up**2 - ((limits.thrust_max - margin) * square) ** 2) / scale**2, -math.inf, 0.0)
+    asked.ask((up - (limits.thrust_min + margin) * square) / scale, 0.0, math.inf)
     for order, bound in (
         (1, bounds.speed_max), (2, bounds.acceleration_max), (3, bounds.jerk_max), (4, bounds.snap_max),
     ):  # fmt: skip
         if bound is not None:
-            asked.ask(casadi.sum2(distinct[order] ** 2) / (_SHARE * bound) ** 2, 0.0, 1.0)
+            most = (_SHARE * bound) ** 2
+            share = casadi.sum2(distinct[order] ** 2) / most - pace ** (2 * order)
+            asked.ask(share / usual ** (2 * order), -math.inf, 0.0)
     for axis in range(3):
         asked.ask(distinct[0][:, axis], bounds.lower[axis], bounds.upper[axis])
 

@@ -44,7 +44,7 @@ LOW, HIGH = np.array([-1.5, -1.5, 0.2]), np.array([1.5, 1.5, 2.2])  # m, the roo
 BODY, PLACES_APART, DOWNWASH, TUBE = 0.15, 0.5, 2.0, 0.05  # m, m; the tube where none is proved, m
 DRONES, TOURS = (5, 10, 20, 30), (5, 10, 20)
 SECONDS = 10.0  # of each search
-IPOPT_DRONES, IPOPT_SECONDS = 10, 20.0  # at most
+IPOPT_DRONES, IPOPT_SECONDS = 5, 30.0  # at most
 _SQUARES = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0  # integrals of products of the Bernstein polynomials of degree 1
 
 
