@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
+import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -75,6 +77,10 @@ def _parser() -> shell.Parser:
         help="fly way-points that end where they begin N times without a stop (default: the mission's, else from rest "
         "to rest)",
     )  # fmt: skip
+    parser.add_argument(
+        "--from-poses", action="store_true",
+        help="the file has goals only, .yaml: drones set out from where they are, as a running controller tells",
+    )  # fmt: skip
     parser.add_argument("--trade", action="store_true", help="only show how tube and duration depend on the jerk")
     parser.add_argument("--force", action="store_true", help="overwrite the output")
     return parser
@@ -121,7 +127,8 @@ def _plan(arguments: argparse.Namespace) -> None:
     given = {name: getattr(arguments, name) for name in options if getattr(arguments, name) is not None}
     certificate = load_certificate(arguments.certificate or FLIGHT_CERTIFICATE)
     name = (output or arguments.file).stem
-    mission = read_mission(arguments.file, certificate, Wishes(**given), name)
+    present = _present if arguments.from_poses else None
+    mission = read_mission(arguments.file, certificate, Wishes(**given), name, present)
     if arguments.trade:
         _show_trade(mission, certificate)
         return
@@ -134,6 +141,23 @@ def _plan(arguments: argparse.Namespace) -> None:
     if "polynomials" in found.provenance:
         print(f"  polynomials {found.provenance['polynomials']}")
     print(f"  written to {output}" if output is not None else "  not written: give --output FILE")
+
+
+def _present(names: Sequence[str]) -> Mapping[str, Sequence[float]]:
+    """Return where drones are now, m; a process of its own asks, for this one needs no ROS.
+
+    Raises:
+        FlatsatError: it cannot tell; the text says why.
+    """
+    from flatsat_ros.base.errors import FlatsatError
+
+    parameter = f"robot_names:=[{', '.join(names)}]"
+    command = [sys.executable, "-m", "flatsat_ros.nodes.present_places", "--ros-args", "-p", parameter]
+    asked = subprocess.run(command, capture_output=True, text=True, check=False)
+    if asked.returncode != 0:
+        lines = asked.stderr.strip().splitlines() or [f"it ended with exit code {asked.returncode}"]
+        raise FlatsatError(f"present places are not known: {lines[-1].removeprefix('error: ')}")
+    return dict(json.loads(asked.stdout))
 
 
 def _show_trade(mission: Mission, certificate: Certificate) -> None:

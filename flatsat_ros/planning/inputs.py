@@ -7,7 +7,7 @@ import io
 import json
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -70,7 +70,13 @@ class _Content:
     laps: int | None = None
 
 
-def read_mission(path: str | os.PathLike[str], certificate: Certificate, wishes: Wishes, name: str) -> Mission:
+def read_mission(
+    path: str | os.PathLike[str],
+    certificate: Certificate,
+    wishes: Wishes,
+    name: str,
+    present: Callable[[Sequence[str]], Mapping[str, Sequence[float]]] | None = None,
+) -> Mission:
     """Return what a file asks for.
 
     Args:
@@ -78,6 +84,8 @@ def read_mission(path: str | os.PathLike[str], certificate: Certificate, wishes:
         certificate: whose input set the references keep.
         wishes: of the user.
         name: of the plan.
+        present: tells the places of drones, by name, m, from which they set out: the file, a .yaml, has only where they
+            shall go. None for a file that has both.
 
     Raises:
         FlatsatError: the file cannot be read, is not of its form, or asks for what no plan can keep.
@@ -86,8 +94,12 @@ def read_mission(path: str | os.PathLike[str], certificate: Certificate, wishes:
     kind = Path(path).suffix.lower()
     if kind not in readers:
         raise located(path, f"must be one whose name ends in {', '.join(readers)}")
+    if present is not None and kind != ".yaml":
+        raise located(
+            path, "must be one whose name ends in .yaml: goals of drones by name, to set out from where they are"
+        )
     try:
-        content = readers[kind](path)
+        content = readers[kind](path) if present is None else _from_yaml(path, present)
         lower, upper = content.box or _around(content.drones)
         if wishes.floor is not None:
             lower = np.array([*lower[:2], require_number("floor", wishes.floor, "m")])
@@ -175,7 +187,9 @@ def _numbers(name: str, cells: Sequence[str], count: int) -> list[float]:
     return values
 
 
-def _from_yaml(path: str | os.PathLike[str]) -> _Content:
+def _from_yaml(
+    path: str | os.PathLike[str], present: Callable[[Sequence[str]], Mapping[str, Sequence[float]]] | None = None
+) -> _Content:
     document = read_yaml(path)
     if not isinstance(document, dict) or "drones" not in document:
         raise refusal(
@@ -200,6 +214,8 @@ def _from_yaml(path: str | os.PathLike[str]) -> _Content:
             "",
             "a mapping from names to lists of way-points [x, y, z] or files of polynomials",
         )
+    if present is not None:
+        values["drones"] = _from_present(values["drones"], present(list(values["drones"])))
     drones = tuple(
         _following(name, Path(path).parent / places, values["body"])
         if isinstance(places, str)
@@ -207,6 +223,9 @@ def _from_yaml(path: str | os.PathLike[str]) -> _Content:
         for name, places in values["drones"].items()
     )
     box = None
+    if present is not None:
+        places = np.concatenate([drone.waypoints for drone in drones])
+        box = (places.min(axis=0) - (_AROUND, _AROUND, 0.0), places.max(axis=0) + _AROUND)
     if values["box"] is not None:
         corners = section("box", values["box"], ("lower", "upper"))
         box = (finite_array("lower", corners["lower"], 3), finite_array("upper", corners["upper"], 3))
@@ -215,6 +234,17 @@ def _from_yaml(path: str | os.PathLike[str]) -> _Content:
         raise refusal("obstacles", values["obstacles"], "", "a mapping from names to boxes")
     obstacles = tuple(_obstacle(name, entry) for name, entry in values["obstacles"].items())
     return _Content(drones, times, box, values["downwash"], obstacles, values["laps"])
+
+
+def _from_present(drones: Mapping[str, Any], present: Mapping[str, Sequence[float]]) -> dict[str, Any]:
+    """Return the way-points of drones that set out from where they are."""
+    found = {}
+    for name, places in drones.items():
+        goals = None if isinstance(places, str) else finite_array(f"goals of {name}", places, 3)
+        if goals is None or goals.ndim not in (1, 2) or goals.size == 0:
+            raise refusal(f"goals of {name}", places, "", "a place [x, y, z], or a list of them")
+        found[name] = [list(present[name]), *np.atleast_2d(goals).tolist()]
+    return found
 
 
 def _obstacle(name: str, entry: object) -> Box:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from subprocess import CompletedProcess
+from typing import Any
 
 import pytest
 
@@ -48,6 +50,29 @@ def test_a_plan_is_written_and_proved_again(planned: Path, capsys: pytest.Captur
 def test_the_help_names_the_certificate_that_is_taken(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--help"]) == 0
     assert f"default: {FLIGHT_CERTIFICATE}" in " ".join(capsys.readouterr().out.split())
+
+
+def test_present_places_come_from_a_process_and_its_refusal_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "goals.yaml").write_text("drones: {cf1: [1, 0, 1]}\n")
+    answers = [
+        CompletedProcess([], 0, '{"cf1": [0.0, 0.0, 0.5]}\n', ""),
+        CompletedProcess([], 2, "", "told\nerror: cf1: no poses\n"),
+    ]
+    asked: list[list[str]] = []
+
+    def run(command: list[str], **_: Any) -> CompletedProcess[str]:
+        asked.append(command)
+        return answers.pop(0)
+
+    monkeypatch.setattr("subprocess.run", run)
+    target = tmp_path / "plan.yaml"
+    assert main([str(tmp_path / "goals.yaml"), "--from-poses", "--output", str(target)]) == 0
+    assert asked[0][1:] == ["-m", "flatsat_ros.nodes.present_places", "--ros-args", "-p", "robot_names:=[cf1]"]
+    assert Plan.load(target).trajectory("cf1").sample(0.0)[:3] == pytest.approx([0.0, 0.0, 0.5])
+    assert main([str(tmp_path / "goals.yaml"), "--from-poses"]) == 2
+    assert "present places are not known: cf1: no poses" in capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")

@@ -352,6 +352,30 @@ def test_files_say_what_is_asked(tmp_path: Path) -> None:
     assert (three.downwash, three.bounds.upper.tolist()) == (3.0, [2.0, 2.0, 2.5])
 
 
+def test_goals_are_gone_to_from_present_places(tmp_path: Path) -> None:
+    places = {"a": [0.0, 0.0, 1.5], "b": [1.0, 0.0, 0.4]}
+
+    def present(names: Sequence[str]) -> dict[str, list[float]]:
+        assert list(names) == ["a", "b"]
+        return places
+
+    goals = written(tmp_path, "a.yaml", "drones: {a: [[1, 1, 1]], b: [0, 1, 0.5]}\n")
+    found = read_mission(goals, CERTIFICATE, Wishes(), "a", present)
+    assert found.waypoints.tolist() == [[[0, 0, 1.5], [1, 1, 1]], [[1, 0, 0.4], [0, 1, 0.5]]]
+    assert found.bounds.lower.tolist() == [-0.5, -0.5, 0.4]  # the lowest place of all
+    near = written(tmp_path, "b.yaml", "drones: {a: [[1, 1, 1]], b: [0, 1, 0.5]}\nbody: 0.6\n")
+    for path, text in (
+        (near, "distance of a and b at way-point 2 = 1.03"),
+        (
+            written(tmp_path, "c.yaml", "drones: {a: pp1.csv, b: [0, 1, 1]}\n"),
+            "goals of a = 'pp1.csv': must be a place",
+        ),
+        (written(tmp_path, "d.csv", "x,y,z\n0,0,1\n0,1,1\n"), "must be one whose name ends in .yaml: goals of drones"),
+    ):
+        with pytest.raises(FlatsatError, match=text):
+            read_mission(path, CERTIFICATE, Wishes(), "a", present)
+
+
 @pytest.mark.parametrize(
     ("name", "text", "reason"),
     [
