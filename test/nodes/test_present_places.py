@@ -59,7 +59,7 @@ def test_places_are_known_after_a_moment_of_listening_and_who_is_not_heard_is_na
     assert {robot: found.tolist() for robot, found in node.places.items()} == {"cf1": [1, 2, 1], "cf2": [2, 3, 2]}
     deaf = listener({"cf1": [place], "cf2": [place]}, {"cf1": row(Mode.FLY)})
     PresentPlaces._listen(deaf, 101.0)
-    with pytest.raises(FlatsatError, match="^cf2: no poses and telemetry within 10 s: the controller must run"):
+    with pytest.raises(FlatsatError, match=r"^cf2: no poses and telemetry within 10 s: the controller must run"):
         PresentPlaces._listen(deaf, 110.5)
 
 
