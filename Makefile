@@ -23,10 +23,10 @@ unexport PYTHONPATH AMENT_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH RMW_IMP
 # every node that starts, and every worker of the tests, would compile the package again
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup build demo test test-noble test-kernels bench reproduce falsify faults soak fuzz lint docs identification certificates clean test-browser test-crazyswarm2
+.PHONY: help setup build demo test test-noble test-kernels bench reproduce falsify faults soak fuzz lint docs identification certificates designs clean test-browser test-crazyswarm2
 
 help:  ## this list
-	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 16
+	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 18
 
 setup: $(SETUP)  ## .venv from pinned requirements, for scripts, too; PYTHON=python3.12 chooses the interpreter
 

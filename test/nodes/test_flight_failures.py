@@ -22,43 +22,31 @@ def heights(poses: list[Any]) -> np.ndarray:
     return np.array([pose.pose.position.z for pose in poses])
 
 
-def test_a_drone_that_appears_late_flies_and_disturbs_nobody(lab: Lab) -> None:
-    poses = {robot: lab.watch(interfaces.POSE, robot) for robot in ("cf1", "cf2")}
-    commands = {robot: lab.watch(interfaces.COMMAND, robot) for robot in ("cf1", "cf2")}
-    lab.start("sim_drone", robot_names=["cf1"])
+def test_one_drone_comes_late_is_lost_and_comes_back_and_a_stopped_controller_lands_all(
+    lab: Lab, column: Column
+) -> None:
+    robots = ("cf1", "cf2")
+    poses = {robot: lab.watch(interfaces.POSE, robot) for robot in robots}
+    commands = {robot: lab.watch(interfaces.COMMAND, robot) for robot in robots}
+    telemetry, idle = lab.watch(interfaces.TELEMETRY, "cf2"), lab.watch(interfaces.COMMAND, "cf3")
+
+    def mode() -> int:
+        return int(column(telemetry[-1:], "mode")[0])
+
+    lab.start("sim_drone", robot_names=["cf1", "cf3"], start_positions=[0.0, 0.0, 0.0, 0.0, -1.0, 0.0])
     # on a busy machine the drone's poses can find their way some time before the commands find theirs
-    lab.fly("cf1", "cf2", unlock_time=2.0)
+    controller = lab.fly(*robots, "cf3", unlock_time=2.0)
     lab.go_to("cf1", HERE)
     lab.go_to("cf2", THERE, linked=False)
     lab.wait_for_flight("cf1", poses["cf1"], HERE)
     assert not commands["cf2"], "no command without a pose"
     settled = len(poses["cf1"])
-    lab.start("sim_drone", robot_names=["cf2"], start_positions=[0.0, 1.0, 0.0])
-    lab.wait_for_flight("cf2", poses["cf2"], THERE)
-    # soon after take-off the thrust is still being learnt
-    assert np.abs(heights(poses["cf1"][settled:]) - HERE[2]).max() <= 2.0 * lab.near
-    for seen in commands.values():
-        lab.require_within_limits(seen)
 
-
-def test_a_drone_whose_process_is_killed_is_given_up_and_flies_again_after_a_new_goal(lab: Lab, column: Column) -> None:
-    robots = ("cf1", "cf2")
-    poses = {robot: lab.watch(interfaces.POSE, robot) for robot in robots}
-    commands = {robot: lab.watch(interfaces.COMMAND, robot) for robot in robots}
-    telemetry = lab.watch(interfaces.TELEMETRY, "cf2")
-
-    def mode() -> int:
-        return int(column(telemetry[-1:], "mode")[0])
-
-    lab.start("sim_drone", robot_names=["cf1"])
+    # it appears late, flies and disturbs nobody
     doomed = lab.start("sim_drone", robot_names=["cf2"], start_positions=[0.0, 1.0, 0.0])
-    controller = lab.fly(*robots)
-    for robot, goal in zip(robots, (HERE, THERE), strict=True):
-        lab.go_to(robot, goal)
-    for robot, goal in zip(robots, (HERE, THERE), strict=True):
-        lab.wait_for_flight(robot, poses[robot], goal)
-    settled = len(poses["cf1"])
+    lab.wait_for_flight("cf2", poses["cf2"], THERE)
 
+    # its process is killed: it is given up, and flies again after a new goal
     assert doomed.stop(signal.SIGKILL) == -signal.SIGKILL
     lab.wait(lambda: mode() == Mode.LEVEL, "the level descent")
     lab.wait(lambda: mode() == Mode.CUT, "the cut")
@@ -76,32 +64,24 @@ def test_a_drone_whose_process_is_killed_is_given_up_and_flies_again_after_a_new
 
     lab.wait(flies_after_a_goal, "a goal to be taken")
     lab.wait_for_flight("cf2", poses["cf2"], THERE)
-
     # soon after take-off the thrust is still being learnt
     assert np.abs(heights(poses["cf1"][settled:]) - HERE[2]).max() <= 2.0 * lab.near
-    for seen in commands.values():
-        lab.require_within_limits(seen)
-    assert controller.stop() == 0
 
-
-def test_a_controller_stopped_in_flight_lands_its_drones_where_they_are(lab: Lab) -> None:
-    poses, commands = lab.watch(interfaces.POSE, "cf1"), lab.watch(interfaces.COMMAND, "cf1")
-    idle = lab.watch(interfaces.COMMAND, "cf2")
-    lab.start("sim_drone", robot_names=["cf1", "cf2"])
-    controller = lab.fly("cf1", "cf2")
+    # a controller that is stopped lands its drones where they are
     lab.go_to("cf1", (0.3, 0.0, 1.0))
-    lab.wait(lambda: poses and poses[-1].pose.position.z > 0.5, "the drone to climb")
+    lab.wait(lambda: poses["cf1"][-1].pose.position.z > 0.75, "the drone to climb")
     controller.expected = True
     controller.send(signal.SIGHUP)
     controller.send(signal.SIGTERM)  # it does not shorten the landing
     lab.wait(lambda: controller.returncode is not None, "the end of the controller")
     assert controller.returncode == 0
-    assert poses[-1].pose.position.z == 0.0
-    moments = np.array([p.header.stamp.sec + 1e-9 * p.header.stamp.nanosec for p in poses])
-    fall = np.diff(heights(poses)) / np.diff(moments)
+    moments = np.array([p.header.stamp.sec + 1e-9 * p.header.stamp.nanosec for p in poses["cf1"]])
+    fall = np.diff(heights(poses["cf1"])) / np.diff(moments)
     assert fall.min() > -1.0, "m/s: it is let down, not dropped"
-    assert commands[-1].linear.z == 0.0
+    for robot in robots:
+        assert poses[robot][-1].pose.position.z == 0.0
+        assert commands[robot][-1].linear.z == 0.0
+        lab.require_within_limits(commands[robot])
     assert "landing cf1 (z = " in controller.output
     assert not idle, "a drone that was never flown gets no last command"
-    lab.require_within_limits(commands)
     assert "Traceback" not in controller.output
