@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import refusal, require, require_fields, require_not_negative, require_positive
 from flatsat_ros.base.strict_yaml import section
-from flatsat_ros.certificate.enclosures import decimal
-from flatsat_ros.certificate.exact import inner_radius, spare
+from flatsat_ros.certificate.enclosures import UP, decimal, sine
+from flatsat_ros.certificate.exact import spare
 from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_return import Return, box_return
@@ -28,15 +28,19 @@ from flatsat_ros.law.input_set import InputSet
 # How a cell is written among the cuts of a box.
 _CELL = "-"
 
+# What `sine` is below the sine is less.
+_SMALL = Fraction(1, 10**20)
+
 HEADER = """\
 # flight: the whole loop; the tubes hold for applied gains in [gain_min, gain_max], whatever they do
-#   margin m/s^2 of v_ref in the input set; compensation of the disturbance takes of it at most disturbance m/s^2
+#   margin m/s^2 to the limit of the tilt, of what a reference asks the law for (acceleration, drag and lead);
+#   compensation of the disturbance takes of it at most disturbance m/s^2
 #   assumptions: disturbance_rate m/s^3, noise m; acceleration m/s^2, jerk m/s^3 and snap m/s^4 of the reference;
 #     pose_age s of the newest pose at a tick
 #   horizontal, vertical: plants between low and high (delay s, lag s, frequency rad/s, tilt and drag 1/s), whose lag
 #     changes in flight or not; model, observer (1, 1/s, 1/s^2), horizon s, lead s: the controller; cuts of the box into
 #     cells; tube: bounds of |e| m, |e'| m/s, |v0| m/s^2 and |D/g - d^| m/s^2; back: a start adds to |e| at most
-#     (position |e(0)| + position_velocity |e'(0)|) e^(-rate t), and to |v0| likewise
+#     (position |e(0)| + position_velocity |e'(0)|) e^(-rate t), and likewise (nominal ...) to |v0| + |D/g - d^|
 """
 
 # claims do not change what is proved: certificates that differ in nothing else are proved once in a process
@@ -123,6 +127,14 @@ class Axis:
         }
 
 
+class Taken(NamedTuple):
+    """Distances to the limits of V_c, m/s^2."""
+
+    tilt_max: Fraction
+    thrust_max: Fraction
+    thrust_min: Fraction
+
+
 @dataclass(frozen=True)
 class Flight:
     """What is proved about the loop that flies.
@@ -130,7 +142,8 @@ class Flight:
     Attributes:
         gain_min: smallest applied gain k, at most 1.
         gain_max: largest applied gain.
-        margin: m, m/s^2, of the acceleration that the reference asks for in V_c.
+        margin: m, m/s^2, that f keeps from the limit of the tilt. f is what a reference asks the law for: its
+            acceleration, with drag and lead (`flight.preview`).
         disturbance: largest |D/g|, m/s^2.
         assumptions: of the tube.
         horizontal: of x and y.
@@ -178,31 +191,68 @@ class Flight:
 
         Args:
             demand: (3, 2) largest acceleration, jerk and snap, horizontal and vertical, m/s^2 and so on.
-            margin: of its acceleration in V_c, m/s^2.
+            margin: of its f in `room`, m/s^2.
         """
         assumed = self.assumptions
-        ratio = self.margin / margin
+        ratio = self.margin / margin if margin > 0.0 else math.inf
         for asked, most in zip(demand.max(axis=1), (self.acceleration, assumed.jerk, assumed.snap), strict=True):
             if asked > 0.0:
                 ratio = max(ratio, float(asked) / most if most > 0.0 else math.inf)
         return ratio
 
-    @property
-    def compensation(self) -> float:
-        """Largest |d^|, m/s^2, while |D/g| keeps its bound: clipped there or above, the compensation is not clipped."""
-        return self.disturbance + math.hypot(*(axis.tube.disturbance for axis in self.axes))
+    def taken(self, limits: InputSet) -> Taken:
+        """Return how near to each limit v0 and the compensation may bring a command, m/s^2; rounded up.
 
-    def certified_start(self) -> tuple[float, float]:
+        v0 - d^ = v0 + (D/g - d^) - D/g lies in a cylinder and a ball of the radius `disturbance` around it. Along a
+        normal the ball takes its radius, and the cylinder what its rim does: of the cone's cos(eps) and sin(eps), and
+        of the sphere's, which meets V_c at angles of at most eps to the vertical, the most of these.
+
+        Args:
+            limits: the input set V_c.
+        """
+        tubes = [axis.tube for axis in self.axes]
+        across, along = (decimal(tube.nominal) + decimal(tube.disturbance) for tube in tubes)
+        most, sin = decimal(self.disturbance), sine(decimal(limits.tilt_max))
+        cos, sin = _root(1 - sin * sin), sin + _SMALL
+        steep = across * across * (1 - sin * sin) > along * along * sin * sin  # the rim's direction is beyond eps
+        thrust = across * sin + along * cos if steep else _root(across * across + along * along)
+        return Taken(most + across * cos + along * sin, most + thrust, most + along)
+
+    def room(self, limits: InputSet) -> InputSet:
+        """Return a part of V_c in which a margin of `margin` leaves v0 and the compensation inside V_c.
+
+        Args:
+            limits: the input set V_c.
+        """
+        taken, margin = self.taken(limits), decimal(self.margin)
+        thrust, floor = (float(max(value - margin, Fraction(0))) for value in (taken.thrust_max, taken.thrust_min))
+        if not thrust + floor:
+            return limits
+        return replace(
+            limits, thrust_max=(limits.thrust_max - thrust) / UP, thrust_min=(limits.thrust_min + floor) * UP
+        )
+
+    def certified_start(self, limits: InputSet) -> tuple[float, float]:
         """Return the largest distances |e(0)|, m, horizontal and vertical, each alone, from which a drone returns.
 
-        It begins at rest against the reference. Negative: no start is certified.
+        It begins at rest, and its reference stays where it is. Negative: no start is certified.
+
+        Args:
+            limits: the input set V_c.
         """
-        room = self.margin - self.compensation
-        distances = []
-        for axis, other in (self.axes, self.axes[::-1]):
-            own = math.sqrt(max(room**2 - other.tube.nominal**2, 0.0)) if room > 0.0 else 0.0
-            distances.append(axis.back.certified(axis.tube, own))
-        return distances[0], distances[1]
+        tilt, (cone, sphere, floor) = limits.tilt_max, map(float, self.left(limits))
+        sides = min(cone / math.cos(tilt), sphere / math.sin(tilt))
+        upright = min(cone / math.sin(tilt), sphere, floor)
+        return sides / self.horizontal.back.nominal, upright / self.vertical.back.nominal
+
+    def left(self, limits: InputSet) -> Taken:
+        """Return what v0 and the compensation leave of each limit while nothing is asked for, m/s^2; rounded down."""
+        taken, gravity = self.taken(limits), decimal(limits.gravity)
+        return Taken(
+            gravity * sine(decimal(limits.tilt_max)) - taken.tilt_max,
+            decimal(limits.thrust_max) - gravity - taken.thrust_max,
+            gravity - decimal(limits.thrust_min) - taken.thrust_min,
+        )
 
     def margins(self, limits: InputSet, gain_max: float) -> dict[str, float]:
         """Return by how much, relatively, each inequality holds; negative ones fail. Their signs are exact.
@@ -211,14 +261,19 @@ class Flight:
             limits: the input set V_c.
             gain_max: the cap that the controller uses.
         """
-        sides, upright = self.horizontal.tube, self.vertical.tube
-        taken = _norm(sides.nominal, upright.nominal) + _norm(sides.disturbance, upright.disturbance)
+        taken, left = self.taken(limits), self.left(limits)
         margins = {
             "flight: gain_min <= 1": spare(decimal(self.gain_min), Fraction(1)),
             "flight: the cap of the gain is in the interval": spare(decimal(gain_max), decimal(self.gain_max)),
-            "flight: the margin is one that a hovering drone has": spare(decimal(self.margin), inner_radius(limits)),
-            "flight: |v0| + |d^| <= margin, so that every applied gain is at least 1": spare(
-                taken + decimal(self.disturbance), decimal(self.margin)
+            "flight: the margin is one that a hovering drone has": spare(
+                decimal(self.margin), left.tilt_max + taken.tilt_max
+            ),
+            "flight: v0 and d^ take at most the margin of the tilt, so that every applied gain is at least 1": spare(
+                taken.tilt_max, decimal(self.margin)
+            ),
+            "flight: and of the thrust what a hovering drone has": min(
+                spare(taken.thrust_max, taken.thrust_max + left.thrust_max),
+                spare(taken.thrust_min, taken.thrust_min + left.thrust_min),
             ),
         }
         for name, axis in zip(_AXES, self.axes, strict=True):
@@ -253,7 +308,6 @@ class Flight:
         }
 
 
-def _norm(first: float, second: float) -> Fraction:
-    """Return a bound of the root of the sum of two squares, hardly above it."""
-    square = decimal(first) ** 2 + decimal(second) ** 2
+def _root(square: Fraction) -> Fraction:
+    """Return a bound of a root, hardly above it."""
     return Fraction(math.isqrt(math.ceil(square * 10**40)) + 1, 10**20)

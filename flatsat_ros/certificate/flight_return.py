@@ -1,4 +1,4 @@
-"""The way back into the tube: how fast a drone returns from any start, and from which starts its gain is certified.
+"""The way back into the tube: how fast a drone returns from any start.
 
 By linearity the distance to the reference is that of a drone that started on it, which is in the tube, and what the
 start alone does. Multiplied by e^(rate t), the latter obeys the same loop with A replaced by e^(rate h) A, and is
@@ -17,7 +17,7 @@ from flatsat_ros.certificate.enclosures import UP, decimal, growth
 from flatsat_ros.certificate.flight_bounds import Drives
 from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_plant import Design
-from flatsat_ros.certificate.flight_tube import Tube, cell_bounds, cells
+from flatsat_ros.certificate.flight_tube import cell_bounds, cells
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Return:
         rate: 1/s, of the decay.
         position: |e| is above its tube by at most position |e(0)| e^(-rate t), at all times.
         position_velocity: s; and by position_velocity |e'(0)| e^(-rate t).
-        nominal: 1/s^2, the same of |v0|, at the ticks.
+        nominal: 1/s^2, the same of what |v0| and |D/g - d^| are together, at the ticks.
         nominal_velocity: 1/s.
     """
 
@@ -43,16 +43,6 @@ class Return:
     def __or__(self, other: Return) -> Return:
         """Return the larger of each."""
         return Return(*(max(getattr(self, f.name), getattr(other, f.name)) for f in fields(Return)))
-
-    def certified(self, tube: Tube, room: float, velocity: float = 0.0) -> float:
-        """Return the largest distance |e(0)|, m, from which |v0| never exceeds a bound; negative for none.
-
-        Args:
-            tube: of the same plants and gains.
-            room: the bound, m/s^2: margin of the reference less what the compensation takes.
-            velocity: |e'(0)|, m/s.
-        """
-        return (room - tube.nominal - self.nominal_velocity * velocity) / self.nominal
 
 
 def cell_returns(
@@ -89,7 +79,7 @@ def cell_returns(
             tracked, bend = bounds.settled(*bounds.started(i), Drives(none, none, 0.0, later))
             # from tick to tick: the tick before has decayed by one period less
             position = faster * (tracked[:, 0] + bounds.cells.period**2 / 8.0 * bend) * UP
-            ways.append((position.tolist(), tracked[:, 2].tolist()))
+            ways.append((position.tolist(), ((tracked[:, 2] + tracked[:, 3]) * UP).tolist()))
         (positions, nominals), (positions_velocity, nominals_velocity) = ways
         for place, *claims in zip(places, positions, positions_velocity, nominals, nominals_velocity, strict=True):
             found[place] = Return(rate, *claims)

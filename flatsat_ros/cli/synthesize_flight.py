@@ -35,7 +35,7 @@ def write_flight(arguments: argparse.Namespace, output: Path | None) -> None:
     from flatsat_ros.synthesis.flight_design import FlightDesign
     from flatsat_ros.synthesis.flight_search import Goal
     from flatsat_ros.synthesis.flight_trade import require_tilt, searched, sentence, trade
-    from flatsat_ros.synthesis.flight_wishes import assumed, sides, upright
+    from flatsat_ros.synthesis.flight_wishes import asked_for, assumed, sides, upright
 
     if arguments.vehicle is None:
         raise FlatsatError("--flight needs --vehicle, whose plants it is for")
@@ -47,16 +47,18 @@ def write_flight(arguments: argparse.Namespace, output: Path | None) -> None:
     tilt = _TILT_MAX_DEG if arguments.tilt_max_deg is None else arguments.tilt_max_deg
     period = _PERIOD if arguments.period is None else arguments.period
     limits = InputSet(vehicle.thrust_max, math.radians(tilt), GRAVITY)
-    margin = math.floor(1e3 * (limits.inner_radius - assumptions.acceleration)) / 1e3
+    kinds = {"horizontal": sides(vehicle, intervals), "vertical": upright(vehicle, intervals)}
+    asked = asked_for(assumptions, *(plants.model for plants in kinds.values()))
+    margin = math.floor(1e3 * (limits.inner_radius - asked)) / 1e3
     room = margin - _DISTURBANCE
     if not room > 0.0:
-        least, way_out = GRAVITY + assumptions.acceleration + _DISTURBANCE, "give up tilt_max or acceleration"
+        least, way_out = GRAVITY + asked + _DISTURBANCE, "give up tilt_max or acceleration"
         if vehicle.thrust_max <= least + 1e-3:
             lacking = f"{vehicle.name} lacks {least - vehicle.thrust_max:.3g} m/s^2 of thrust"
             way_out = f"{lacking}, take off with below {1e3 * vehicle.mass_for(least):.3g} g"
         raise refusal("margin of the reference", margin, "m/s^2", f"above {_DISTURBANCE} m/s^2: {way_out}")
     axes = []
-    for name, plants in (("horizontal", sides(vehicle, intervals)), ("vertical", upright(vehicle, intervals))):
+    for name, plants in kinds.items():
         goal = Goal(period, gain, _SHARE * room, assumptions)
         print(f"searching the {name} design", file=sys.stderr, flush=True)
         axes.append(searched(goal, plants, _progress(), arguments.seconds or _SECONDS))

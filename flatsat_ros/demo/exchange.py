@@ -70,11 +70,11 @@ def mission_of(certificate: Certificate, count: int) -> Mission:
     drones = tuple(
         Asked(f"cf{i}", np.array([[x, y, _HEIGHT], [-x, -y, _HEIGHT]])) for i, (x, y) in enumerate(places.tolist(), 1)
     )
-    margin, jerk, snap, acceleration = default_bounds(certificate)
+    usual = default_bounds(certificate)
     side = radius + _ROOM
     box = np.array([-side, -side, _LOW]), np.array([side, side, _HIGH])
     return Mission(
         f"exchange_{count}", drones, certificate.name, certificate.limits,
-        Bounds(margin, jerk, snap, *box, None, acceleration),
-        certified_tube(certificate.flight, jerk, snap, _DOWNWASH), downwash=_DOWNWASH,
+        Bounds(usual.margin, usual.jerk, usual.snap, *box, usual.speed, usual.acceleration),
+        certified_tube(certificate.flight, certificate.limits, usual.jerk, usual.snap, _DOWNWASH), downwash=_DOWNWASH,
     )  # fmt: skip

@@ -19,6 +19,7 @@ from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
 from flatsat_ros.flight.path import Box
 from flatsat_ros.flight.policy import GoalMode, Policy
+from flatsat_ros.flight.preview import needed_margin
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.plans.prepared import PreparedPlan
 
@@ -229,7 +230,7 @@ def gentle_swap(certificate: Certificate, places: FloatArray, index: int, legs: 
     flight = certificate.flight
     for leg_time in LEG_TIME * 1.1 ** np.arange(20.0):
         swap = gentle_spline_through([places[(index + leg) % len(places)] for leg in range(legs + 1)], float(leg_time))
-        if flight is None or flight.demanded(swap.demand(), swap.margin(certificate.limits).distance) <= 1.0:
+        if flight is None or flight.demanded(swap.demand(), needed_margin(swap, certificate.limits, flight)) <= 1.0:
             return swap
     raise FlatsatError(f"no swap is as slow as {certificate.name!r} assumes: must be one within a minute a leg")
 

@@ -117,6 +117,7 @@ class _Batch:
             disturbance_max=flight.disturbance, goal_mode=GoalMode.STEP, separation=1e-3, ceiling=_FAR, floor=-_FAR,
             walls=(-_FAR, -_FAR, _FAR, _FAR),
         )  # fmt: skip
+        self._limits = certificate.limits
         self._pilot = Pilot(certificate, Tuning(0.0, 1.0, 1.0, top, restart=False), policy, DRONES)
         self._judge = Judge(certificate, flight, seed, kinds, DRONES)
         azimuth = random.uniform(0.0, 2.0 * math.pi, DRONES)
@@ -253,7 +254,7 @@ class _Batch:
     def _start(self, reference: FloatArray) -> FloatArray:
         """Move references (N, 9) to another place; return how far, (2, N) m, from which drones return."""
         random, focus, away = self._random, self._focus, np.zeros((2, DRONES))
-        certified = self._flight.certified_start()[focus] - self._judge.started[focus]
+        certified = self._flight.certified_start(self._limits)[focus] - self._judge.started[focus]
         large = self._flight.axes[focus].tube.position * random.random(DRONES)
         small = random.random(DRONES) < 0.5
         away[focus] = np.where(self._starting, np.where(small, np.maximum(_EDGE * certified, 0.0), large), 0.0)

@@ -102,7 +102,7 @@ class Judge:
         self._known = np.array([axis.design.model.drag + axis.design.model.tilt for axis in flight.axes])[:, np.newaxis]
         self._unknown = self._known - np.array([[plant.drag + plant.tilt for plant in kind] for kind in kinds])
         self._count, self._run = count, -1
-        self._certified = np.array(flight.certified_start())[:, np.newaxis]
+        self._certified = np.array(flight.certified_start(certificate.limits))[:, np.newaxis]
         self.started, self.told = np.zeros((2, count)), 0.0
         self._sure, self._judged = np.ones(count, dtype=bool), np.ones(count, dtype=bool)
 

@@ -17,6 +17,7 @@ from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import refusal
 from flatsat_ros.certificate.flight import Flight
 from flatsat_ros.flight.path import Box, PathLimits, path_to
+from flatsat_ros.flight.preview import needed_margin
 from flatsat_ros.flight.references import References
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.input_set import InputSet
@@ -300,6 +301,8 @@ class Guidance:
 
     def _assign(self, index: int, trajectory: Trajectory) -> None:
         margin = trajectory.require_margin(self._limits)
-        demand = 0.0 if self._flight is None else self._flight.demanded(trajectory.demand(), margin)
+        demand, flight = 0.0, self._flight
+        if flight is not None:
+            demand = flight.demanded(trajectory.demand(), needed_margin(trajectory, self._limits, flight))
         self.references.assign(index, trajectory, margin, demand)
         self.changed.add(index)

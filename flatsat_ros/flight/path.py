@@ -36,6 +36,9 @@ _VERTICAL = 0.5
 # paths keep this share of what is assumed of references: their limits are looked at in points
 _KEPT = 0.97
 
+# of what the law may be asked for, what holding the speed against drag may take; the rest is left to change it
+_CRUISE = 0.8
+
 # durations that are tried, s
 _DURATIONS = 0.2 * 1.1 ** np.arange(90.0)
 _ROUNDING = 1e-9
@@ -48,11 +51,35 @@ _BERNSTEIN = [
     np.array([math.comb(n, i) * _NODES**i * (1.0 - _NODES) ** (n - i) for i in range(n + 1)]).T for n in range(7)
 ]
 
-# largest first, second and third derivative of 10 s^3 - 15 s^4 + 6 s^5 on [0, 1]
-_PEAKS = (1.875, 10.0 / math.sqrt(3.0), 60.0)
+# largest second and third derivative of 10 s^3 - 15 s^4 + 6 s^5 on [0, 1]
+_PEAKS = (10.0 / math.sqrt(3.0), 60.0)
+# 1 less this, and its first two derivatives, at the nodes
+_LAST = (
+    1.0 - _NODES**3 * (10.0 + _NODES * (6.0 * _NODES - 15.0)),
+    -30.0 * _NODES**2 * (1.0 - _NODES) ** 2,
+    -60.0 * _NODES * (1.0 - _NODES) * (1.0 - 2.0 * _NODES),
+)
 _ZERO = np.zeros(1)
 
 _HORIZONTAL_AXES, _VERTICAL_AXES = slice(0, 2), slice(2, 3)
+
+
+class Asked(NamedTuple):
+    """What the law may be asked for by the motion of some axes: f = r + lead r', r = a + drag v (`flight.preview`).
+
+    Attributes:
+        most: largest |f|, m/s^2.
+        drag: 1/s.
+        lead: s.
+    """
+
+    most: float
+    drag: float = 0.0
+    lead: float = 0.0
+
+    def of(self, velocity: FloatArray, acceleration: FloatArray, jerk: FloatArray) -> FloatArray:
+        """Return f of a motion, m/s^2."""
+        return np.asarray(self.drag * velocity + (1.0 + self.lead * self.drag) * acceleration + self.lead * jerk)
 
 
 @dataclass(frozen=True)
@@ -60,18 +87,20 @@ class PathLimits:
     """What a path may ask for, each of its horizontal and of its vertical part.
 
     Attributes:
-        horizontal: largest horizontal acceleration, m/s^2.
-        vertical: largest vertical acceleration, m/s^2.
+        horizontal: what the law may be asked for; without drag and lead that is the acceleration.
+        vertical: likewise.
         speed: m/s.
         jerk: m/s^3.
         snap: m/s^4.
+        acceleration: m/s^2, beside what the law may be asked for.
     """
 
-    horizontal: float
-    vertical: float
+    horizontal: Asked
+    vertical: Asked
     speed: float = 1.0
     jerk: float = 2.0
     snap: float = 20.0
+    acceleration: float = math.inf
 
     @classmethod
     def within(cls, limits: InputSet, speed: float, margin: float | None = None) -> PathLimits:
@@ -88,27 +117,30 @@ class PathLimits:
         vertical = _VERTICAL * (limits.inner_radius - margin)
         cone = ((g - vertical) * math.sin(tilt) - margin) / math.cos(tilt)
         sphere = math.sqrt((limits.thrust_max - margin) ** 2 - (g + vertical) ** 2)
-        return cls(min(cone, sphere), vertical, speed)
+        return cls(Asked(min(cone, sphere)), Asked(vertical), speed)
 
     @classmethod
     def assumed(cls, limits: InputSet, speed: float, flight: Flight) -> PathLimits:
         """Return limits within what a flight section assumes of references."""
-        found, most = cls.within(limits, speed, flight.margin), flight.assumptions
+        found, most = cls.within(flight.room(limits), speed, flight.margin), flight.assumptions
+        sides, upright = (axis.design.model for axis in flight.axes)
         return cls(
-            min(found.horizontal, _KEPT * flight.acceleration),
-            min(found.vertical, _KEPT * flight.acceleration),
+            Asked(_KEPT * found.horizontal.most, sides.drag + sides.tilt, sides.lead),
+            Asked(_KEPT * found.vertical.most, upright.drag + upright.tilt, upright.lead),
             speed,
             _KEPT * most.jerk,
             _KEPT * most.snap,
+            _KEPT * flight.acceleration,
         )
 
     def led_to(self, motion: FloatArray) -> bool:
         """Tell whether a path within these limits can have led to a motion (4, 3), see `path_to`."""
-        _, _, acceleration, jerk = motion / (1.0 + _TOLERANCE)
-        return bool(
-            math.hypot(acceleration[0], acceleration[1]) <= self.horizontal
-            and abs(acceleration[2]) <= self.vertical
-            and max(math.hypot(jerk[0], jerk[1]), abs(jerk[2])) <= self.jerk
+        motion = motion[1:] / (1.0 + _TOLERANCE)
+        return all(
+            np.linalg.norm(asked.of(*motion[:, axes])) <= asked.most
+            and np.linalg.norm(motion[1, axes]) <= self.acceleration
+            and np.linalg.norm(motion[2, axes]) <= self.jerk
+            for axes, asked in ((_HORIZONTAL_AXES, self.horizontal), (_VERTICAL_AXES, self.vertical))
         )
 
     def slower(self, speed: float) -> PathLimits:
@@ -153,8 +185,8 @@ def path_to(
     """
     across = goal[:2] if not wait else np.full(2, np.nan)
     parts = [
-        _to_rest(motion[:, axes], part, limits, bound, _Walls(box.low[axes], box.high[axes]))
-        for axes, part, bound in (
+        _to_rest(motion[:, axes], part, limits, asked, _Walls(box.low[axes], box.high[axes]))
+        for axes, part, asked in (
             (_HORIZONTAL_AXES, across, limits.horizontal),
             (_VERTICAL_AXES, goal[2:], limits.vertical),
         )
@@ -179,15 +211,17 @@ class _Change(NamedTuple):
     cruise_time: float  # s
 
 
-def _to_rest(motion: FloatArray, goal: FloatArray, limits: PathLimits, acceleration: float, walls: _Walls) -> _Part:
+def _to_rest(motion: FloatArray, goal: FloatArray, limits: PathLimits, asked: Asked, walls: _Walls) -> _Part:
     """Return the path of some axes; the arguments are those of `path_to`, (4, d) and (d,)."""
-    excess, direct = _straight(motion, goal, limits, acceleration, walls)
+    if asked.drag > 0.0:
+        limits = limits.slower(_CRUISE * asked.most / asked.drag)
+    excess, direct = _straight(motion, goal, limits, asked, walls)
     if not motion[1].any() or np.isnan(goal).all():
         return direct
-    worse, braking = _straight(motion, np.full_like(goal, np.nan), limits, acceleration, walls)
+    worse, braking = _straight(motion, np.full_like(goal, np.nan), limits, asked, walls)
     rest = np.zeros_like(motion)
     rest[0] = braking.coefficients[-1, 0]
-    worst, onward = _straight(rest, goal, limits, acceleration, walls)
+    worst, onward = _straight(rest, goal, limits, asked, walls)
     longer = excess <= _ROUNDING and _end(braking) + _end(onward) >= _end(direct)
     if longer or max(worse, worst) > _ROUNDING:
         return direct
@@ -203,19 +237,19 @@ def _end(part: _Part) -> float:
 
 
 def _straight(
-    motion: FloatArray, goal: FloatArray, limits: PathLimits, acceleration: float, walls: _Walls
+    motion: FloatArray, goal: FloatArray, limits: PathLimits, asked: Asked, walls: _Walls
 ) -> tuple[float, _Part]:
     """Return the path to a goal without a rest on the way, and by how much it exceeds its limits."""
     if not motion[1:].any() and not (np.abs(np.nan_to_num(goal - motion[0])) >= _STILL).any():  # it is there, at rest
         return 0.0, _Part(np.zeros(0), _constant(motion[0]))
     lengths: list[float] = []
     pieces: list[FloatArray] = []
-    change = _change(motion, goal, limits, acceleration, walls)
+    change = _change(motion, goal, limits, asked, walls)
     if change.excess > _ROUNDING and motion[2:].any():
-        duration, piece = _settled(motion, limits, acceleration)
+        duration, piece = _settled(motion, limits, asked)
         later = np.zeros_like(motion)
         later[0], later[1] = _value(piece, duration), _value(_derived(piece), duration)
-        settled = _change(later, goal, limits, acceleration, walls)
+        settled = _change(later, goal, limits, asked, walls)
         if settled.excess < change.excess:
             lengths, pieces, change = [duration], [piece], settled
     place, v0, a0, j0 = change.motion
@@ -239,7 +273,7 @@ def _straight(
     return change.excess, _Part(np.cumsum(lengths), np.array([*pieces, _constant(place)[0]]))
 
 
-def _change(motion: FloatArray, goal: FloatArray, limits: PathLimits, acceleration: float, walls: _Walls) -> _Change:
+def _change(motion: FloatArray, goal: FloatArray, limits: PathLimits, asked: Asked, walls: _Walls) -> _Change:
     """Return the change with the shortest T that keeps all limits, or the one that exceeds them least."""
     p0, v0, a0, j0 = motion
     t = _DURATIONS[:, np.newaxis]
@@ -252,14 +286,19 @@ def _change(motion: FloatArray, goal: FloatArray, limits: PathLimits, accelerati
     # control points of the velocity, (K, 6, d), and of its derivatives
     first, second = v0 + t * a0 / 5.0, v0 + 2.0 * t * a0 / 5.0 + t**2 * j0 / 20.0
     velocity = np.stack(np.broadcast_arrays(v0, first, second, cruise, cruise, cruise), axis=1)
-    excess = _excess(velocity, limits.speed, v0)
+    rates = [_at_nodes(velocity)]
+    excess = _excess(rates[0], limits.speed, v0)
     derivative, factor = velocity, np.ones(1)
-    for bound, present, degree in ((acceleration, a0, 5.0), (limits.jerk, j0, 4.0), (limits.snap, _ZERO, 3.0)):
+    for bound, present, degree in ((limits.acceleration, a0, 5.0), (limits.jerk, j0, 4.0), (limits.snap, _ZERO, 3.0)):
         derivative, factor = np.diff(derivative, axis=1), factor * degree / _DURATIONS
-        excess += _excess(derivative * factor[:, np.newaxis, np.newaxis], bound, present)
+        rates.append(_at_nodes(derivative * factor[:, np.newaxis, np.newaxis]))
+        excess += _excess(rates[-1], bound, present)
+    excess += _excess(asked.of(*rates[:3]), asked.most, asked.of(v0, a0, j0))
     # the last change, from the constant velocity to rest
-    for bound, peak, power in ((acceleration, _PEAKS[0], 1), (limits.jerk, _PEAKS[1], 2), (limits.snap, _PEAKS[2], 3)):
+    for bound, peak, power in ((limits.jerk, _PEAKS[0], 2), (limits.snap, _PEAKS[1], 3)):
         excess += np.maximum(peak * speed / _DURATIONS**power / bound - 1.0, 0.0)
+    last = [share[np.newaxis, :, np.newaxis] * (speed / _DURATIONS**i)[:, None, None] for i, share in enumerate(_LAST)]
+    excess += _excess(last[1], limits.acceleration) + _excess(asked.of(*last), asked.most)
     # the position, within the box or as near to it as the motion is
     travelled = np.cumsum(velocity, axis=1) * (t / 6.0)[:, np.newaxis]
     places = p0 + _BERNSTEIN[6][:, 1:] @ travelled
@@ -276,18 +315,22 @@ def _change(motion: FloatArray, goal: FloatArray, limits: PathLimits, accelerati
     return _Change(float(excess[best]), motion, duration, cruise[best], cruise_time)
 
 
-def _settled(motion: FloatArray, limits: PathLimits, acceleration: float) -> tuple[float, FloatArray]:
+def _settled(motion: FloatArray, limits: PathLimits, asked: Asked) -> tuple[float, FloatArray]:
     """Return the shortest piece (8, d) that ends without acceleration and jerk, and its length, s."""
     place, v0, a0, j0 = motion
     t = _DURATIONS[:, np.newaxis]
     zero = np.zeros_like(t * a0)
     # control points of the acceleration, (K, 4, d)
     control = np.stack(np.broadcast_arrays(a0, a0 + t * j0 / 3.0, zero, zero), axis=1)
-    excess = _excess(control, acceleration, a0)
+    gained = np.cumsum(np.pad(control, ((0, 0), (1, 0), (0, 0))), axis=1) * (t / 4.0)[:, np.newaxis]
+    rates = [v0 + _at_nodes(gained), _at_nodes(control)]
+    excess = _excess(rates[1], limits.acceleration, a0)
     derivative, factor = control, np.ones(1)
     for bound, present, degree in ((limits.jerk, j0, 3.0), (limits.snap, zero[0], 2.0)):
         derivative, factor = np.diff(derivative, axis=1), factor * degree / _DURATIONS
-        excess += _excess(derivative * factor[:, np.newaxis, np.newaxis], bound, present)
+        rates.append(_at_nodes(derivative * factor[:, np.newaxis, np.newaxis]))
+        excess += _excess(rates[-1], bound, present)
+    excess += _excess(asked.of(*rates[:3]), asked.most, asked.of(v0, a0, j0))
     duration = float(_DURATIONS[_first(excess, excess)])
     piece = np.zeros((SIZE, place.size))
     c2 = (-3.0 * a0 - 2.0 * duration * j0) / duration**2
@@ -302,16 +345,20 @@ def _first(excess: FloatArray, cost: FloatArray) -> int:
     return int(feasible[0]) if feasible.size else int(cost.argmin())
 
 
-def _excess(points: FloatArray, bound: float, present: FloatArray = _ZERO) -> FloatArray:
-    """Return by how much, relatively, polynomials exceed a bound, or the present size if that is more.
+def _at_nodes(points: FloatArray) -> FloatArray:
+    """Return the values (K, nodes, d) of polynomials of degree n with control points (K, n + 1, d)."""
+    return np.asarray(_BERNSTEIN[points.shape[1] - 1] @ points)
+
+
+def _excess(values: FloatArray, bound: float, present: FloatArray = _ZERO) -> FloatArray:
+    """Return by how much, relatively, values (K, nodes, d) exceed a bound, or the present size if that is more.
 
     Args:
-        points: (K, n + 1, d) control points of polynomials of degree n.
+        values: of which the norms count.
         bound: of the Euclidean norm.
         present: (d,).
     """
     allowed = max(bound, float(np.sqrt((present * present).sum())))
-    values = _BERNSTEIN[points.shape[1] - 1] @ points
     return np.asarray(np.maximum(np.sqrt((values * values).sum(axis=2)).max(axis=1) / allowed - 1.0, 0.0))
 
 

@@ -10,9 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.certificate.flight import Flight
 from flatsat_ros.certificate.flight_plant import Design
+from flatsat_ros.certificate.lyapunov import bernstein_coefficients
 from flatsat_ros.flight.references import References
-from flatsat_ros.flight.trajectory import SIZE
+from flatsat_ros.flight.trajectory import SIZE, Trajectory, nearest
+from flatsat_ros.law.input_set import InputSet
 
 _DERIVATIVE = np.diag(np.arange(1.0, SIZE), 1)  # row of powers -> row of their derivatives
 
@@ -48,6 +51,30 @@ class Preview:
 
 
 _EXPONENTS = np.arange(SIZE)
+
+
+def needed_margin(path: Trajectory, limits: InputSet, flight: Flight) -> float:
+    """Return a lower bound of the distance of f to the boundary of `Flight.room` along a trajectory, m/s^2.
+
+    With the margin of the certificate every applied gain is at least 1. f is a polynomial on each segment, so that
+    control points bound it as they bound accelerations. Where the models' delays differ, the vertical part is of
+    another time than the horizontal one: by how much it can have moved in between is taken off.
+
+    Args:
+        path: the reference.
+        limits: V_c.
+        flight: section of the certificate, whose models the reference is led for.
+    """
+    sides, upright = (axis.design for axis in flight.axes)
+    f = np.empty_like(path.coefficients)
+    f[..., :2], f[..., 2:] = _needed(sides) @ path.coefficients[..., :2], _needed(upright) @ path.coefficients[..., 2:]
+    apart, moving = abs(sides.model.delay - upright.model.delay), 0.0
+    span = np.diff(path.times)
+    if apart > 0.0 and span.size:
+        powers = f[..., 2].T * np.power(span, _EXPONENTS[:, np.newaxis])
+        steps = np.diff(bernstein_coefficients(powers, 0.0, 1.0), axis=0) * (SIZE - 1) / span
+        moving = float(np.abs(steps).max())
+    return nearest(f, path.times, flight.room(limits)).distance - apart * moving
 
 
 def _needed(design: Design) -> FloatArray:

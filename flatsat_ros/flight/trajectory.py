@@ -164,24 +164,7 @@ class Trajectory:
         concave function, so the smallest over the control points is a bound for all times. With a margin m the law has
         an applied gain of at least 1 wherever |B'P xi| <= m (docs/mathematics.md).
         """
-        tightest = Margin(limits.inner_radius, float(self.times[0]), limits.nearest_limit(np.zeros(3)))
-        span = np.diff(self.times)
-        if span.size == 0:
-            return tightest
-        # a(t) of every segment in powers of (t - start) / span
-        powers = (self.coefficients[:, 2:] * _SECOND[:, np.newaxis]).transpose(1, 0, 2)
-        powers = powers * np.power(span, np.arange(SIZE - 2.0)[:, np.newaxis])[..., np.newaxis]
-        for left, right in itertools.pairwise(np.linspace(0.0, 1.0, _PIECES + 1)):
-            points = bernstein_coefficients(powers, float(left), float(right))
-            distances = limits.margin(points)
-            control, segment = np.unravel_index(int(distances.argmin()), distances.shape)
-            if distances[control, segment] < tightest.distance:
-                tightest = Margin(
-                    float(distances[control, segment]),
-                    float(self.times[segment] + left * span[segment]),
-                    limits.nearest_limit(points[control, segment]),
-                )
-        return tightest
+        return nearest(self.coefficients[:, 2:] * _SECOND[:, np.newaxis], self.times, limits)
 
     def demand(self) -> FloatArray:
         """Return upper bounds (3, 2) of acceleration, jerk and snap, m/s^2 and so on, horizontal and vertical.
@@ -222,6 +205,33 @@ class Trajectory:
             limit = f"{tightest.limit} = {getattr(limits, tightest.limit):.4g} at t = {tightest.time:.4g} s"
             raise refusal(f"the reference's margin to {limit}", tightest.distance, "m/s^2", "above 0: fly it slower")
         return tightest.distance
+
+
+def nearest(accelerations: FloatArray, times: FloatArray, limits: InputSet) -> Margin:
+    """Return a lower bound of the distance of piecewise polynomials to the boundary of the input set, and where it is.
+
+    Args:
+        accelerations: (M - 1, n, 3) coefficients of the powers of the time since a segment's beginning, m/s^2.
+        times: (M,) s, at which segments begin, and the last one ends; before and after all of them it is 0.
+        limits: V_c.
+    """
+    tightest = Margin(limits.inner_radius, float(times[0]), limits.nearest_limit(np.zeros(3)))
+    span = np.diff(times)
+    if span.size == 0:
+        return tightest
+    powers = accelerations.transpose(1, 0, 2)  # of (t - start) / span
+    powers = powers * np.power(span, np.arange(float(len(powers)))[:, np.newaxis])[..., np.newaxis]
+    for left, right in itertools.pairwise(np.linspace(0.0, 1.0, _PIECES + 1)):
+        points = bernstein_coefficients(powers, float(left), float(right))
+        distances = limits.margin(points)
+        control, segment = np.unravel_index(int(distances.argmin()), distances.shape)
+        if distances[control, segment] < tightest.distance:
+            tightest = Margin(
+                float(distances[control, segment]),
+                float(times[segment] + left * span[segment]),
+                limits.nearest_limit(points[control, segment]),
+            )
+    return tightest
 
 
 def evaluate(coefficients: FloatArray, t: FloatArray) -> FloatArray:

@@ -103,13 +103,15 @@ def read_mission(
         lower, upper = content.box or _around(content.drones)
         if wishes.floor is not None:
             lower = np.array([*lower[:2], require_number("floor", wishes.floor, "m")])
-        *usual, acceleration = default_bounds(certificate)
+        usual = default_bounds(certificate, wishes.speed_max)
         wanted = (wishes.margin, wishes.jerk_max, wishes.snap_max)
-        margin, jerk, snap = (own if given is None else given for own, given in zip(usual, wanted, strict=True))
-        # tubes are proved for such accelerations; for given tubes nothing is assumed
+        margin, jerk, snap = (own if given is None else given for own, given in zip(usual[:3], wanted, strict=True))
+        # tubes are proved for such accelerations and speeds; for given tubes nothing is assumed
+        proved = wishes.tube is None
         bounds = Bounds(
-            margin, jerk, snap, lower, upper, wishes.speed_max, acceleration if wishes.tube is None else None
-        )
+            margin, jerk, snap, lower, upper,
+            usual.speed if proved else wishes.speed_max, usual.acceleration if proved else None,
+        )  # fmt: skip
         tube = _tube(certificate, bounds, content.downwash, wishes)
         return Mission(
             name, content.drones, certificate.name, certificate.limits, bounds, tube, content.times, content.downwash,
@@ -132,7 +134,7 @@ def _tube(certificate: Certificate, bounds: Bounds, downwash: float, wishes: Wis
     if certificate.flight is None:
         return Tube(_TUBE)
     require_margin(bounds, certificate.flight)
-    return certified_tube(certificate.flight, bounds.jerk_max, bounds.snap_max, downwash)
+    return certified_tube(certificate.flight, certificate.limits, bounds.jerk_max, bounds.snap_max, downwash)
 
 
 def _around(drones: Sequence[Asked]) -> tuple[FloatArray, FloatArray]:

@@ -47,7 +47,7 @@ def trade(mission: Mission, certificate: Certificate) -> Iterator[Choice]:
         jerk, snap = factor * mission.bounds.jerk_max, factor * mission.bounds.snap_max
         radius = None
         try:
-            tube = certified_tube(certificate.flight, jerk, snap, mission.downwash)
+            tube = certified_tube(certificate.flight, certificate.limits, jerk, snap, mission.downwash)
             radius = tube.radius
             asked = replace(mission, bounds=replace(mission.bounds, jerk_max=jerk, snap_max=snap), tube=tube)
             yield Choice(jerk, snap, radius, bound_of(asked))

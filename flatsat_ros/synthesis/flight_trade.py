@@ -12,7 +12,7 @@ from flatsat_ros.certificate.flight import Flight
 from flatsat_ros.certificate.flight_tube import Assumptions
 from flatsat_ros.synthesis.flight_design import AxisDesign
 from flatsat_ros.synthesis.flight_search import Goal, corner_boxes, search
-from flatsat_ros.synthesis.flight_wishes import Plants
+from flatsat_ros.synthesis.flight_wishes import Plants, asked_for
 
 _GAINS = (1.0, 1.5, 2.5, 4.0)
 
@@ -56,9 +56,9 @@ def trade(certificate: Certificate) -> Iterator[str]:
         less = replace(flight.assumptions, **{field.name: 0.0})
         words = f"{field.name} 0 instead of {value:g} {_UNITS[field.name]}"
         yield f"    {words:<38}{_tubes(flight, flight.gain_max, less)}"
-    nominal, wrong = _taken(flight)
+    nominal, wrong = _taken(certificate)
     needed = nominal + wrong + flight.disturbance
-    yield f"  margin of the reference {flight.margin:.3g} m/s^2, of which {needed:.3g} are needed:"
+    yield f"  margin of the reference to the tilt limit {flight.margin:.3g} m/s^2, of which {needed:.3g} are needed:"
     yield f"    {nominal:.3g} for v0, {flight.disturbance:.3g} for the disturbance, {wrong:.3g} for its error"
     limit = math.degrees(certificate.limits.tilt_max)
     yield f"  tilt limit {limit:.3g} deg, of which {_tilt_needed(certificate):.3g} are needed"
@@ -71,7 +71,7 @@ def require_tilt(certificate: Certificate) -> None:
         FlatsatError: the loop may need more acceleration than the limit has beside what references ask for.
     """
     flight = _flight(certificate)
-    needed = sum(_taken(flight)) + flight.disturbance
+    needed = sum(_taken(certificate)) + flight.disturbance
     if needed <= flight.margin:
         return
     tilt, enough = math.degrees(certificate.limits.tilt_max), math.ceil(10.0 * _tilt_needed(certificate)) / 10.0
@@ -89,16 +89,18 @@ def _shares(flight: Flight) -> Iterator[tuple[str, float]]:
         yield field.name, sum(nominal) - sum(_worst(flight, flight.gain_max, less, "nominal"))
 
 
-def _taken(flight: Flight) -> tuple[float, float]:
-    """Return what v0 and the error of the estimated disturbance take of the margin, m/s^2."""
-    tubes = [axis.tube for axis in flight.axes]
-    return math.hypot(*(tube.nominal for tube in tubes)), math.hypot(*(tube.disturbance for tube in tubes))
+def _taken(certificate: Certificate) -> tuple[float, float]:
+    """Return what v0 and the error of the estimated disturbance take of the margin to the tilt limit, m/s^2."""
+    sides, upright = (axis.tube for axis in _flight(certificate).axes)
+    cos, sin = math.cos(certificate.limits.tilt_max), math.sin(certificate.limits.tilt_max)
+    return cos * sides.nominal + sin * upright.nominal, cos * sides.disturbance + sin * upright.disturbance
 
 
 def _tilt_needed(certificate: Certificate) -> float:
-    """Return the tilt, degrees, whose limit has room for the loop and for the reference's acceleration."""
+    """Return the tilt, degrees, whose limit has room for the loop and for what references ask it for."""
     flight = _flight(certificate)
-    needed = sum(_taken(flight)) + flight.disturbance + flight.assumptions.acceleration
+    room = asked_for(flight.assumptions, *(axis.design.model for axis in flight.axes))
+    needed = sum(_taken(certificate)) + flight.disturbance + room
     return math.degrees(math.asin(min(1.0, needed / certificate.limits.gravity)))
 
 

@@ -31,6 +31,9 @@ _UNDERDAMPED = 0.75
 
 _INTERVALS = ("delay", "lag", "gain", "frequency", "damping")
 
+# To this speed, m/s, references shall be able to change with all the acceleration that is assumed.
+_SPEED = 1.0
+
 
 @dataclass(frozen=True)
 class Plants:
@@ -81,6 +84,19 @@ def upright(vehicle: VehicleProfile, intervals: dict[str, tuple[float, float]]) 
         "drag": _around(dynamics.drag_z, _DRAG),
     }
     return _plants(found, lags[0] < lags[1])
+
+
+def asked_for(assumptions: Assumptions, *models: Plant) -> float:
+    """Return what references ask the law for where they accelerate most, half-way to full speed, m/s^2.
+
+    Args:
+        assumptions: about references.
+        models: whose drag is led for.
+    """
+    return max(
+        (model.drag + model.tilt) * (_SPEED / 2.0 + model.lead * assumptions.acceleration) + assumptions.acceleration
+        for model in models
+    )
 
 
 def _around(value: float, share: float) -> tuple[float, float]:

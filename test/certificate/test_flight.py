@@ -9,9 +9,13 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
 from small_flight import BACK, NONE, certificate_of, flight_of
 
+from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight import Axis, Flight
@@ -19,6 +23,7 @@ from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_return import Return
 from flatsat_ros.certificate.flight_tube import Assumptions, Tube
+from flatsat_ros.law.input_set import InputSet
 
 ASSUMPTIONS = Assumptions(disturbance_rate=0.35, noise=5e-4, acceleration=0.0, jerk=0.58, snap=0.66, pose_age=0.004)
 
@@ -104,13 +109,78 @@ def test_a_section_of_another_loop_is_refused(
     assert text in str(refused.value)
 
 
-def test_starts_within_the_certified_distance_use_no_more_than_the_room(flight: Flight) -> None:
-    room = flight.margin - flight.disturbance
-    room -= math.hypot(flight.horizontal.tube.disturbance, flight.vertical.tube.disturbance)
-    for start, axis, other in zip(flight.certified_start(), flight.axes, flight.axes[::-1], strict=True):
-        assert start > 0.0
-        assert math.hypot(axis.tube.nominal + axis.back.nominal * start, other.tube.nominal) == pytest.approx(room)
-    assert replace(flight, margin=0.5).certified_start()[0] < 0.0
+def started(flight: Flight, name: str, distance: float) -> Flight:
+    """A section whose claims are what a start at a distance, m, adds to them."""
+    axis = getattr(flight, name)
+    tube = replace(axis.tube, nominal=axis.tube.nominal + axis.back.nominal * distance)
+    return replace(flight, **{name: replace(axis, tube=tube)})
+
+
+def test_starts_within_the_certified_distance_use_no_more_than_what_is_left(
+    certificate: Certificate, flight: Flight
+) -> None:
+    limits = certificate.limits
+    sides, upright = flight.certified_start(limits)
+    assert sides > 0.0
+    assert upright > 0.0
+    assert float(min(started(flight, "horizontal", sides).left(limits))) == pytest.approx(0.0, abs=1e-9)
+    assert float(min(started(flight, "vertical", upright).left(limits))) > -1e-9
+    assert replace(flight, disturbance=4.0).certified_start(limits)[0] < 0.0
+
+
+angles = st.floats(0.0, 2.0 * math.pi)
+sizes = st.floats(0.0, 0.6)
+
+
+@given(
+    tilt=st.floats(0.1, 0.6),
+    thrust=st.floats(1.3, 1.6),
+    claims=st.tuples(sizes, sizes, sizes, sizes, sizes),
+    turned=st.tuples(angles, angles, angles),
+    shares=st.tuples(*[st.sampled_from([-1.0, 1.0]) | st.floats(-1.0, 1.0)] * 3),
+    asked=st.tuples(*[st.floats(-1.0, 1.0)] * 3),
+)
+def test_with_the_margin_nothing_within_the_claims_brings_the_gain_below_one(
+    flight: Flight,
+    tilt: float,
+    thrust: float,
+    claims: tuple[float, ...],
+    turned: tuple[float, ...],
+    shares: tuple[float, ...],
+    asked: tuple[float, ...],
+) -> None:
+    limits, (across, wrong_across, along, wrong_along, most) = InputSet(thrust * GRAVITY, tilt), claims
+    sides = replace(flight.horizontal, tube=Tube(1.0, 1.0, across, wrong_across))
+    upright = replace(flight.vertical, tube=Tube(1.0, 1.0, along, wrong_along))
+    section = replace(flight, disturbance=most, horizontal=sides, vertical=upright)
+    section = replace(section, margin=float(section.taken(limits).tilt_max) + 1e-9)
+    assume(min(section.left(limits)) > 1e-3)
+    # what a reference asks for, at its margin
+    f = np.array(asked)
+    f *= float(section.left(limits).tilt_max)
+    room = section.room(limits)
+    for _ in range(40):
+        f *= 1.1 if room.margin(1.1 * f) >= section.margin else 1.0
+    assume(room.margin(f) >= section.margin)
+
+    def turned_by(angle: float, radius: float, height: float) -> np.ndarray:
+        return np.array([radius * math.cos(angle), radius * math.sin(angle), height])
+
+    nominal = turned_by(turned[0], across, shares[0] * along)
+    wrong = turned_by(turned[1], wrong_across, shares[1] * wrong_along)
+    disturbance = most * turned_by(turned[2], math.cos(math.pi / 2.0 * shares[2]), math.sin(math.pi / 2.0 * shares[2]))
+    assert limits.exit_factor(f - (disturbance - wrong), nominal) >= 1.0 - 1e-12
+
+
+def test_what_is_taken_of_the_tilt_is_taken_by_something(certificate: Certificate, flight: Flight) -> None:
+    limits, (sides, upright) = certificate.limits, (axis.tube for axis in flight.axes)
+    out = np.array([math.cos(limits.tilt_max), -math.sin(limits.tilt_max)])  # of the cone
+    taken = np.array([sides.nominal + sides.disturbance, -upright.nominal - upright.disturbance])
+    taken += flight.disturbance * out
+    across, up = out * (float(flight.left(limits).tilt_max) + 1e-6) + taken
+    assert not limits.contains([across, 0.0, up], 0.0)
+    across, up = out * (float(flight.left(limits).tilt_max) - 1e-6) + taken
+    assert limits.contains([across, 0.0, up], 0.0)
 
 
 def test_a_disturbance_that_leaves_no_room_is_refused(certificate: Certificate, flight: Flight) -> None:

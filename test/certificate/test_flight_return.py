@@ -11,7 +11,6 @@ from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_loop import FlightLoop
 from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_return import Return, box_return, cell_returns
-from flatsat_ros.certificate.flight_tube import Assumptions, box_tube
 
 PERIOD, RATE = 0.02, 0.6
 DESIGN = Design.predicting(PERIOD, Plant(0.03, 0.14), (0.357, 3.93, 14.2), 20.0, 12.0)
@@ -62,12 +61,3 @@ def test_faster_returns_are_less_certain_and_none_is_faster_than_the_loop(return
     assert slower.nominal < returned.nominal
     assert slower.position < returned.position
     assert box_return(DESIGN, BOX, CUTS, 1.0, 1.5, 60.0) == Return(60.0, *[math.inf] * 4)
-
-
-def test_the_certified_start_uses_up_the_room(returned: Return) -> None:
-    tube = box_tube(DESIGN, BOX, CUTS, 1.0, 1.5, Assumptions(0.35, 5e-4, 0.0, 0.58, 0.66))
-    for velocity in (0.0, 0.02):
-        start = returned.certified(tube, 1.2, velocity)
-        assert start > 0.0
-        used = tube.nominal + returned.nominal * start + returned.nominal_velocity * velocity
-        assert used == pytest.approx(1.2, rel=1e-12)

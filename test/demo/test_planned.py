@@ -34,11 +34,11 @@ def loaded(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def save(path: Path, *places: tuple[float, float, float]) -> Path:
     """A plan in which drones move by 0.3 m along y in 6 s."""
-    margin, jerk, snap, _ = default_bounds(CERTIFICATE)
+    margin, jerk, snap, *_ = default_bounds(CERTIFICATE)
     share = np.clip((np.arange(13) - 3) / 6, 0.0, 1.0)[:, np.newaxis]
     moved = share * share * (3 - 2 * share) * np.array([0.0, 0.3, 0.0])
     assert CERTIFICATE.flight is not None
-    tube: Tube = certified_tube(CERTIFICATE.flight, jerk, snap, 2.0)
+    tube: Tube = certified_tube(CERTIFICATE.flight, CERTIFICATE.limits, jerk, snap, 2.0)
     curves = [Curve.rounded([750_000 * i for i in range(9)], np.array(place) + moved) for place in places]
     drones = [PlannedDrone(f"cf{i}", curve, 0.1, tube) for i, curve in enumerate(curves, 1)]
     bounds = Bounds(margin, jerk, snap, np.array([-1.0, -1.0, 0.0]), np.array([30.0, 1.0, 3.0]))

@@ -21,7 +21,7 @@ FLYING = Certificate.from_document(read_yaml(config_path("cf21_flight_50hz")))  
 
 def plan_of(tube: Tube) -> Plan:
     """Two drones that move side by side by 0.2 m in 4 s."""
-    margin, jerk, snap, _ = default_bounds(FLYING)
+    margin, jerk, snap, *_ = default_bounds(FLYING)
     share = np.clip((np.arange(13) - 3) / 6, 0.0, 1.0)[:, np.newaxis]
     moved = share * share * (3 - 2 * share) * np.array([0.0, 0.1, 0.0])
     curves = [Curve.rounded([500_000 * i for i in range(9)], np.array([x, 0.0, 1.0]) + moved) for x in (0.0, 0.5)]
@@ -35,8 +35,8 @@ def plan_of(tube: Tube) -> Plan:
 @pytest.fixture(scope="module")
 def tube() -> Tube:
     assert FLYING.flight is not None
-    _, jerk, snap, _ = default_bounds(FLYING)
-    return certified_tube(FLYING.flight, jerk, snap, 2.0)
+    _, jerk, snap, *_ = default_bounds(FLYING)
+    return certified_tube(FLYING.flight, FLYING.limits, jerk, snap, 2.0)
 
 
 def test_no_attack_succeeds_and_smaller_tubes_are_left(tube: Tube, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -188,32 +188,40 @@ ADAPTIVE = Certificate.from_document(read_yaml(config_path("cf21_adaptive_50hz")
 STEPS = replace(POLICY, goal_mode=GoalMode.STEP, thrust_error_max=0.0)
 
 
-def test_the_gain_still_shortens_the_way_to_a_set_point(certificate: Certificate) -> None:
+@pytest.mark.parametrize(
+    ("name", "least", "most"), [("cf21_flight_50hz", 0.0, 0.85), ("cf21_adaptive_50hz", 0.9, 1.15)]
+)
+def test_the_gain_shortens_the_way_to_a_set_point_where_it_is_slow_without(
+    certificate: Certificate, name: str, least: float, most: float
+) -> None:
     times, claimed = [], []
     for mu in (0.0, 2.0):
-        room = Room(certificate, STEPS, mu=mu)
+        room = Room(certificate if name == certificate.name else ADAPTIVE, STEPS, mu=mu)
         room.fly(2.0)
         room.pilot.set_goal(0, [1.05, 1.04, 1.85])
         flown = room.fly(5.0)
-        far = np.linalg.norm(flown.error, axis=1) > 0.05
-        times.append(float(flown.times[np.flatnonzero(far)[-1]]) - 2.0)
-        claimed.append(flown.column("guaranteed")[(flown.times > 2.0) & far].any())
+        away = np.linalg.norm(flown.error, axis=1)
+        times.append(float(flown.times[np.flatnonzero(away > 0.05)[-1]]) - 2.0)
+        claimed.append(flown.column("guaranteed")[(flown.times > 2.0) & (away > 0.11)].any())
         assert (flown.column("assumption")[flown.times == 2.0] == Assumption.REFERENCE).all()
-    assert times[1] < 0.85 * times[0]
+    assert least < times[1] / times[0] < most
     assert not any(claimed)
 
 
-def test_what_is_not_compensated_raises_the_gain_and_that_shrinks_the_error(certificate: Certificate) -> None:
+def test_what_is_not_compensated_raises_the_gain_and_that_shrinks_the_error() -> None:
+    """With compensation off, and with wind that disturbs more than the certificate lets it compensate."""
     wind = Wind(mean=(2.0, 0.0, 0.0))
     errors = {}
     for mu in (0.0, 2.0):
         for most in (0.0, 0.8):
-            flown = Room(certificate, replace(STEPS, disturbance_max=most), mu=mu, wind=wind).fly(5.0)
-            late = flown.from_on(4.5)
+            flown = Room(ADAPTIVE, replace(STEPS, disturbance_max=most), mu=mu, wind=wind).fly(5.0)
+            late = flown.from_on(4.0)
             errors[mu, most] = float(np.linalg.norm(flown.error[late], axis=1).mean())
             assert (flown.column("gamma")[-1] > 1.5) == (mu > 0.0)
+            assert not flown.column("guaranteed")[late].any()
     for most in (0.0, 0.8):
         assert errors[2.0, most] < 0.6 * errors[0.0, most]
+    assert errors[0.0, 0.8] < 0.6 * errors[0.0, 0.0]
 
 
 def test_whoever_is_outside_although_all_seems_as_assumed_brakes_and_lands(certificate: Certificate) -> None:

@@ -37,8 +37,8 @@ def test_from_rest_a_path_leads_straight_to_the_goal_within_every_limit(start: n
     np.testing.assert_allclose(samples[0], [*start, 0, 0, 0, 0, 0, 0], atol=1e-12)
     assert np.linalg.norm(samples[:, 3:5], axis=1).max() <= BOUNDS.speed + 1e-9
     assert np.abs(samples[:, 5]).max() <= BOUNDS.speed + 1e-9
-    assert np.linalg.norm(samples[:, 6:8], axis=1).max() <= BOUNDS.horizontal + 1e-9
-    assert np.abs(samples[:, 8]).max() <= BOUNDS.vertical + 1e-9
+    assert np.linalg.norm(samples[:, 6:8], axis=1).max() <= BOUNDS.horizontal.most + 1e-9
+    assert np.abs(samples[:, 8]).max() <= BOUNDS.vertical.most + 1e-9
     assert max(np.abs(path.jerk(float(t))).max() for t in np.linspace(3.0, path.times[-1], 200)) <= BOUNDS.jerk + 1e-9
     # at least half of the input set is left to the law
     assert path.require_margin(LIMITS) >= 0.5 * LIMITS.inner_radius - 1e-9
@@ -92,10 +92,9 @@ def test_the_limits_leave_half_of_the_inner_radius_in_every_direction(thrust: fl
     limits = InputSet(thrust * GRAVITY, math.radians(tilt))
     bounds = PathLimits.within(limits, 1.0)
     angle = np.linspace(0.0, 2.0 * np.pi, 32)
-    for upward in (-bounds.vertical, 0.0, bounds.vertical):
-        v = np.stack(
-            [bounds.horizontal * np.cos(angle), bounds.horizontal * np.sin(angle), np.full(32, upward)], axis=1
-        )
+    for upward in (-bounds.vertical.most, 0.0, bounds.vertical.most):
+        across = bounds.horizontal.most * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        v = np.column_stack([across, np.full(32, upward)])
         assert limits.margin(v).min() >= 0.5 * limits.inner_radius - 1e-9
 
 
