@@ -9,6 +9,9 @@ with w the derivative of the model's acceleration, q the shift by a tick, F and 
 disturbance that stays. s is fitted to the innovations of some seconds. Another drag than the model's makes such
 innovations too: of models without drag that is taken off, of others, whose drag is known to a tenth, it is left in. Lag
 and delay apart are not told by that.
+
+Disturbances make innovations that stay alike for a second or so, unlike noise. So how sure a fit is follows from how
+the parts of the window, half a second each, deviate from it in sum, and not tick by tick.
 """
 
 from __future__ import annotations
@@ -25,9 +28,11 @@ if TYPE_CHECKING:
     from flatsat_ros.flight.assumptions import Seen
 
 # what is looked at, s, and how often
-_WINDOW, _EVERY = 4.0, 0.5
+_WINDOW, _EVERY = 6.0, 0.5
+# so many parts of it must have shown something
+_PARTS = 4
 # standard deviations of the fit by which it must be outside before that is believed
-_SURE = 3.0
+_SURE = 2.5
 # a fit that is less sure than this share of the interval says nothing
 _LOOSE = 1.0 / 3.0
 # how much drag, 1/s, there may be where the certificate counts all of it among the disturbances
@@ -62,8 +67,8 @@ class Lateness:
         # of this part: innovation, m, acceleration of the model, m/s^2, velocity, m/s; and the acceleration before it
         self._seen, self._before = np.zeros((3, self._length, count, 2)), np.zeros((count, 2))
         self._states = np.zeros((2, 3, count, 2))  # of the filter, for changes of the acceleration and for drag
-        # sums over the parts of the window, newest last, of a^2, i a, i^2 and s a
-        self._sums = np.zeros((round(_WINDOW / _EVERY), 4, count))
+        # sums over each part of the window, newest last, of a^2, i a and s a
+        self._sums = np.zeros((round(_WINDOW / _EVERY), 3, count))
         self.excess = np.zeros(count)
 
     def note(self, seen: Seen, steady: np.ndarray) -> bool:
@@ -102,7 +107,7 @@ class Lateness:
         changes = np.where(before != 0.0, acceleration - before, 0.0) / self._period  # 0 where nothing was seen
         answers = self._answered(0, -changes)
         slowed = self._answered(1, velocity) if self._drag > 0.0 else velocity
-        products = answers * answers, innovation * answers, innovation * innovation, slowed * answers
+        products = answers * answers, innovation * answers, slowed * answers
         self._sums[:-1] = self._sums[1:]
         self._sums[-1] = [product.sum(axis=0).reshape(-1, 2).sum(axis=1) for product in products]
 
@@ -115,14 +120,16 @@ class Lateness:
         return np.asarray(answers)
 
     def _fit(self) -> None:
-        power, common, squares, alike = self._sums.sum(axis=0)
+        powers, products, _ = self._sums.transpose(1, 0, 2)
+        power, common, alike = self._sums.sum(axis=0)
         power = power + _TINY
         late = common / power
-        left = np.maximum(squares - late * common, 0.0) / (self._length * len(self._sums) * 2)  # mean square, m^2
-        deviation = np.sqrt(left / power)
+        left = products - late * powers  # of each part
+        deviation = np.sqrt((left * left).sum(axis=0)) / power
         alike = self._drag * np.abs(alike) / power
         excess = np.maximum(np.abs(late - self._middle) - _SURE * deviation - alike, 0.0)
-        told = (power > 2.0 * _TINY) & (deviation < _LOOSE * self.bound)
+        shown = np.count_nonzero(powers > 0.0, axis=0) >= _PARTS
+        told = shown & (power > 2.0 * _TINY) & (deviation < _LOOSE * self.bound)
         self.excess = np.where(told, excess, 0.0)
 
 

@@ -19,14 +19,15 @@ CUTS = ("delay", "lag", "", "", "lag", "", "")
 
 
 def decayed(plant: Plant, gains: np.ndarray, entry: int) -> np.ndarray:
-    """Return the largest e^(rate t) |e| and |v0| at ticks after a start of 1 in e or e'."""
+    """Return the largest e^(rate t) |e|, and |v0| and |D/g - d^| together, at ticks after a start of 1 in e or e'."""
     loop = FlightLoop(DESIGN, plant)
-    z, largest = np.zeros(loop.size), np.zeros(2)
+    z, largest = np.zeros(loop.size), np.zeros(3)
     z[[entry, plant.size + entry]] = 1.0
     for j, gain in enumerate(gains.tolist()):
-        largest = np.maximum(largest, math.exp(RATE * j * PERIOD) * np.abs([z[0], loop.feedback @ z]))
+        seen = np.abs([z[0], loop.feedback @ z, loop.compensation @ z])
+        largest = np.maximum(largest, math.exp(RATE * j * PERIOD) * seen)
         z = loop.matrix(gain) @ z
-    return largest
+    return np.array([largest[0], largest[1] + largest[2]])
 
 
 @pytest.fixture(scope="module")
