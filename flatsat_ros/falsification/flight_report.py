@@ -11,6 +11,7 @@ from flatsat_ros.certificate.flight_plant import Plant
 from flatsat_ros.certificate.flight_tube import box_tube
 from flatsat_ros.falsification.flight import PERIODS, Outcome, section_of
 from flatsat_ros.falsification.flight_claims import AXES, KINDS, Breach, Found
+from flatsat_ros.falsification.worst_gains import worst_gains
 from flatsat_ros.falsification.worst_inputs import SIGNALS, exact_bound
 
 _SHOWN = 3  # breaches of each claim
@@ -77,6 +78,14 @@ class FlightTally:
                 lines.append(
                     f"{AXES[axis]} tube for gains that rest at {found.gain:.4g}: {100.0 * tube.position:.4g} cm, of "
                     f"which {found.value / tube.position:.3f} was found, at {_words(found.plant)}"
+                )
+        if thorough:
+            for sides, part in zip(AXES, flight.axes, strict=True):
+                worst = worst_gains(flight, part, min(flight.gain_max, certificate.gain_max))
+                shares = (f"{100.0 * each:.4g} cm, {each / part.tube.position:.3f} of the tube" for each in worst[1:3])
+                lines.append(
+                    f"{sides} position at the worst corner, {_words(worst.plant)}: at most {next(shares)}, with the "
+                    f"least gain held; {next(shares)}, with gains and ages of poses as a search finds them"
                 )
         for claim, count in Counter(breach.claim for breach in self.breaches).most_common():
             lines += ["", f"VIOLATED by {count} drones: {claim}"]

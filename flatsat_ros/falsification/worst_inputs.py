@@ -161,6 +161,26 @@ def exact_bound(
         periods: that are summed up.
     """
     loop = FlightLoop(axis.design, plant, age)
+    inputs = entering(axis, plant, loop, assumptions, model_drive)
+    units = np.eye(loop.size)
+    rows = np.array([units[0], units[1], loop.feedback, units[plant.size + axis.design.model.size]])
+    matrix, total = loop.matrix(gain), np.zeros(4)
+    for _ in range(periods):
+        total += np.abs(rows @ inputs).sum(axis=1)
+        rows = rows @ matrix
+    return total
+
+
+def entering(axis: Axis, plant: Plant, loop: FlightLoop, assumptions: Assumptions, model_drive: bool) -> FloatArray:
+    """Return the columns (n, m) by which the largest inputs of a period enter z; those of one piece have one sign.
+
+    Args:
+        axis: its controller.
+        plant: which.
+        loop: of both.
+        assumptions: bounds of the inputs.
+        model_drive: as for `exact_bound`.
+    """
     h, model = loop.design.period, axis.design.model
     noise, rate, drive = input_bounds(axis, plant, assumptions)
     nodes, weights = np.polynomial.legendre.leggauss(3)
@@ -172,11 +192,4 @@ def exact_bound(
         for middle in half * (2.0 * np.arange(_PIECES) + 1.0):
             held = sum(half * w * column(middle + half * x) for x, w in zip(nodes, weights, strict=True))
             columns.append(bound * np.asarray(held))
-    inputs = np.array(columns).T
-    units = np.eye(loop.size)
-    rows = np.array([units[0], units[1], loop.feedback, units[plant.size + model.size]])
-    matrix, total = loop.matrix(gain), np.zeros(4)
-    for _ in range(periods):
-        total += np.abs(rows @ inputs).sum(axis=1)
-        rows = rows @ matrix
-    return total
+    return np.array(columns).T

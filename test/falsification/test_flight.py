@@ -21,6 +21,7 @@ from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_tube import Assumptions
 from flatsat_ros.cli.falsify import main
 from flatsat_ros.falsification import flight as attacks
+from flatsat_ros.falsification import worst_gains
 from flatsat_ros.falsification.exact_drones import ExactDrones, draw_plants
 from flatsat_ros.falsification.flight import Outcome, attack
 from flatsat_ros.falsification.flight_claims import Found
@@ -48,6 +49,8 @@ def few() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(attacks, "DRONES", 40)
         patch.setattr(attacks, "WINDOWS", 3)
+        for name, value in (("_WIDTH", 40), ("_DEPTH", 40), ("_BEFORE", 200)):
+            patch.setattr(worst_gains, name, value)
         yield
 
 
@@ -144,6 +147,21 @@ def test_a_cap_of_the_gain_above_the_smallest_destabilising_switching_is_refuted
         assert bool(attack(2, replace(certificate, gain_max=gain, flight=capped)).breaches) == refuted
 
 
+def test_gains_are_found_that_are_worse_than_any_that_rest_where_there_are_some(
+    certificate: Certificate,
+) -> None:
+    flight = section(certificate)
+    axis = flight.horizontal
+    calm = worst_gains.worst_gains(flight, axis, GAIN_MAX)
+    assert calm.plant in worst_gains.corners(axis.box)
+    assert calm.resting <= calm.any * (1.0 + 1e-3) <= 1.02 * calm.resting
+    assert calm.any < axis.tube.position
+    limit = smallest_destabilising(axis.design, axis.box.high)
+    wild = worst_gains.worst_gains(flight, axis, 1.1 * limit)
+    assert wild.any > 2.0 * calm.resting
+    assert set(wild.gains) == {1.0, 1.1 * limit}
+
+
 @pytest.mark.parametrize("plant", [Plant(0.033, 0.12, gain=0.9, drag=0.4), Plant(0.02, 0.0, 15.0, 0.5, 0.8, 0.26, 0.4)])
 def test_exact_drones_are_what_fine_steps_make_of_the_plant(plant: Plant) -> None:
     random, steps = np.random.default_rng(5), 2000
@@ -209,6 +227,7 @@ def test_the_report_says_how_near_the_runs_came(certificate: Certificate, flown:
     assert report.startswith("certificate 'small': 240 runs of 125 periods in 2.0 s, 120 a second\n")
     assert "gain that rests: horizontal position" in report
     assert "horizontal tube for gains that rest at" in report
+    assert "vertical position at the worst corner, delay 0.0" in report
     assert report.endswith("no claim failed")
     assert "horizontal tube for" not in tally.text(certificate, "small", 2.0, False)
 
