@@ -3,7 +3,7 @@
 The noise of a measurement lets no coordinate repeat exactly, unless poses are rounded coarsely. How coarsely is seen:
 no change of a coordinate is less than that. One that repeats in poses whose other coordinates live is an old one
 
-- in fine poses, if the others are noisy, or if a little motion along it is commanded;
+- in fine poses, if the others are noisy, or if a little motion along it has been commanded for a while;
 - in all poses, if what was commanded since, beyond what balanced it then, and the speed that it had should have moved
   it by more than the poses are rounded.
 """
@@ -12,20 +12,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 # poses whose coordinates change by less than this now and then, m, are fine
 _FINE = 5e-5
-# a coordinate of fine poses, or a whole position, that repeats for so long, s, while so much, m/s^2, is commanded, is
-# an old one; a coordinate in so many poses at least
+# a coordinate of fine poses that repeats while so much, m/s^2, is commanded for so long, s, or a whole position that
+# repeats for so long while so much is commanded, is an old one; a coordinate in so many poses at least
 REPEATED = ((0.15, 0.05), (0.6, 1e-3))
 _POSES = 3
 # the others are noisy if they turn back so often, by more than this, m
 _TURNS, _NOISE = 12, 1e-5
 # One that should have moved by so much, m, or so many of the least changes, and so fast, m/s, and so many of them in a
-# second more, as what is rounded lets an estimated velocity be off, is no longer taken in. It
-# is an old one from the second distance and the first time, s, on, or from the second time on.
+# second more, as what is rounded lets an estimated velocity be off, is no longer taken in. It is an old one if it
+# repeats for the first time, s, and should have moved by the second distance, or when the second time has passed since.
 _DUPLICATE = 1e-3, 10.0
 _MOVES = 0.05, 100.0
 _STANDS = 0.03, 40.0
@@ -60,8 +60,9 @@ class _Repeat:
         turns: how often another one turned back meanwhile.
         speed: change of velocity that was commanded since beyond the balance, m/s.
         way: that velocity and this change have led so far since, m.
-        duplicate: it is not taken in until it changes.
+        duplicate: stamp from which on it is not taken in until it changes, s; infinite before.
         limit: see `Still`.
+        weak: stamps, s, at which less than each size of `REPEATED` was commanded last.
     """
 
     since: float
@@ -71,8 +72,9 @@ class _Repeat:
     turns: int = 0
     speed: float = 0.0
     way: float = 0.0
-    duplicate: bool = False
+    duplicate: float = math.inf
     limit: float = 0.0
+    weak: list[float] = field(default_factory=lambda: [-math.inf] * len(REPEATED))
 
 
 class Stillness:
@@ -155,13 +157,17 @@ class Stillness:
             one = repeats.setdefault(axis, _Repeat(before, estimate[3 + axis], acceleration[axis]))
             one.speed += (acceleration[axis] - one.balance) * elapsed
             one.way += (one.velocity + one.speed) * elapsed
+            for number, (_, least) in enumerate(REPEATED):
+                if abs(acceleration[axis]) < least:
+                    one.weak[number] = stamp
             lives = any(changes)  # what repeats as a whole is another matter
             if lives:
                 one.poses, one.turns = one.poses + 1, one.turns + turns
-                one.duplicate |= airborne and self._has_moved(index, one, stamp - one.since)
+                if airborne and self._has_moved(index, one, stamp - one.since):
+                    one.duplicate = min(one.duplicate, stamp)
             if lives and not one.limit and one.poses >= _POSES:
-                one.limit = self._limit(index, one, stamp - one.since, abs(acceleration[axis]))
-            if one.limit or (one.duplicate and lives and worst is None):
+                one.limit = self._limit(index, one, stamp)
+            if one.limit or (one.duplicate < math.inf and lives and worst is None):
                 worst = Still(axis, stamp - one.since, one.limit)
         return worst
 
@@ -181,21 +187,16 @@ class Stillness:
         """Return which way counts, m: the first entry, or the second one times the least change."""
         return max(least[0], least[1] * self._finest[index])
 
-    def _limit(self, index: int, one: _Repeat, lasted: float, commanded: float) -> float:
-        """Return how long, s, the coordinate of drone index may repeat that has repeated for so long, s; 0 if longer.
-
-        Args:
-            index: whose.
-            one: the coordinate.
-            lasted: s.
-            commanded: size of the acceleration along it, m/s^2.
-        """
+    def _limit(self, index: int, one: _Repeat, stamp: float) -> float:
+        """Return how long, s, the coordinate of drone index may repeat that repeats at a stamp, s; 0 if longer."""
         soon, late = _LASTED
-        fine = self.is_fine(index)
-        limits = [time for time, least in REPEATED if fine and commanded >= least]
+        lasted, fine = stamp - one.since, self.is_fine(index)
+        limits = [time for (time, _), weak in zip(REPEATED, one.weak, strict=True) if fine and stamp - weak >= time]
         if fine and one.turns >= _TURNS:
             limits.append(soon)
-        if one.duplicate:
-            limits.append(soon if abs(one.way) > self._counts(index, _STANDS) else late)
+        if abs(one.way) > self._counts(index, _STANDS) and one.duplicate < math.inf:
+            limits.append(soon)
+        if stamp - one.duplicate >= late:
+            limits.append(late)
         limit = min(limits, default=math.inf)
         return limit if lasted >= limit else 0.0

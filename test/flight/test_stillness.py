@@ -19,7 +19,7 @@ AXES = st.integers(0, 2)
 def first_still(
     places: np.ndarray,
     *,
-    acceleration: Sequence[float] = (0.0, 0.0, 0.0),
+    acceleration: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
     velocity: Sequence[float] = (0.0, 0.0, 0.0),
     period: float = PERIOD,
     begin: int = 0,
@@ -27,12 +27,14 @@ def first_still(
 ) -> tuple[float, int]:
     """Since when, s, and of which axis, a coordinate of places (K, 3), m, is an old one; infinite and -1 for never.
 
-    The drone rests until it begins, at the place of that number, to fly with a velocity.
+    The acceleration is commanded always, (3,), or from pose to pose, (K, 3). The drone rests until it begins, at the
+    place of that number, to fly with a velocity.
     """
     stillness = Stillness(1)
+    commanded = np.broadcast_to(acceleration, places.shape).tolist()
     for number, place in enumerate(places.tolist()):
         estimate = [0.0, 0.0, 0.0, *(np.array(velocity) * (number >= begin)), 0.0, 0.0, 0.0]
-        found = stillness.look(0, number * period, tuple(place), acceleration, estimate, airborne)
+        found = stillness.look(0, number * period, tuple(place), commanded[number], estimate, airborne)
         if found is not None and found.limit:
             assert found.lasted >= found.limit
             return number * period, found.axis
@@ -77,6 +79,23 @@ def test_a_coordinate_of_a_smooth_flight_that_stands_still_is_an_old_one_if_it_i
     limit = 0.15 if size >= 0.05 else 0.6 if size >= 1e-3 else math.inf
     assert since == pytest.approx(limit, abs=2.0 * PERIOD)
     assert found == (axis if math.isfinite(limit) else -1)
+
+
+@given(axis=AXES, begin=st.integers(10, 400), commanded=st.floats(1e-3, 2.0), delay=st.integers(1, 14))
+@settings(max_examples=25)
+def test_a_coordinate_that_rests_in_a_flight_without_noise_may_wait_for_what_is_commanded_at_last(
+    axis: int, begin: int, commanded: float, delay: int
+) -> None:
+    number = np.arange(500)[:, np.newaxis]
+    places = (PERIOD * number) ** 3 * [1.0, 2.0, 3.0]
+    places[:, axis] = 1.0 + PERIOD**2 * commanded * np.maximum(number[:, 0] - begin - delay, 0) ** 2 / 2.0
+    acceleration = commanded * (number >= begin) * (np.arange(3) == axis)
+    assert first_still(places, acceleration=acceleration) == (math.inf, -1)
+    places[:, axis] = 1.0
+    since, found = first_still(places, acceleration=acceleration)
+    limit = 0.15 if commanded >= 0.05 else 0.6
+    assert since <= begin * PERIOD + limit + 2.0 * PERIOD
+    assert found == axis
 
 
 @given(axis=AXES, speed=st.floats(0.4, 2.0), sign=st.sampled_from([-1.0, 1.0]), period=st.sampled_from([0.01, 0.02]))
