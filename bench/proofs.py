@@ -13,13 +13,10 @@ from typing import NamedTuple
 
 import psutil
 
-from flatsat_ros.base.errors import FlatsatError, refusal
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.base.strict_yaml import read_yaml
 from flatsat_ros.certificate.certificate import Certificate
-
-# Of what the first start with a certificate may take more than the others, times these.
-MOST = 3.0
 
 _READY = b"with certificate"  # what the controller says once it flies
 _START = 120.0  # s
@@ -38,15 +35,13 @@ def proofs() -> Iterator[Proof]:
     """Start the controller twice with every packaged certificate that has a flight section.
 
     Raises:
-        FlatsatError: the controller does not start, or a proof takes too long against its start.
+        FlatsatError: the controller does not start.
     """
     for path in sorted(config_path("paper_experiment").parent.glob("*.yaml")):
         if Certificate.from_document(read_yaml(path)).flight is None:
             continue
         with tempfile.TemporaryDirectory() as cache:
             first, second = (_started(path.stem, cache) for _ in range(2))
-        if not first - second <= MOST * second:
-            raise refusal(f"proof of {path.stem}", first - second, "s", f"at most {MOST * second:.3g}, {MOST:g} starts")
         yield Proof(path.stem, second, first - second)
 
 

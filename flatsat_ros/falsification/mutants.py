@@ -250,7 +250,8 @@ def _gain(certificate: Certificate, name: str, away: float) -> Claim:
 
 def _flight(flight: Mapping[str, Any], slacks: Mapping[str, float]) -> list[Claim]:
     """Return the claims of a flight section for the same loops and inputs."""
-    room, hovering = _slack(slacks, "every applied gain is at least 1"), _slack(slacks, "a hovering drone has")
+    tilt, hovering = _slack(slacks, "every applied gain is at least 1"), _slack(slacks, "the margin is one")
+    room = min(tilt, _slack(slacks, "of the thrust what a hovering drone has"))
     claims = []
     for axis in ("horizontal", "vertical"):
         for part, words in (("tube", "tube"), ("back", "way back")):
@@ -264,13 +265,13 @@ def _flight(flight: Mapping[str, Any], slacks: Mapping[str, float]) -> list[Clai
     place, most = ("flight", "margin"), ("flight", "disturbance")
     return [
         *claims,
-        _falling("margin", {place: margin}, room, hovering),
+        _falling("margin", {place: margin}, tilt, hovering),
         _rising("margin of a hovering drone", {place: margin}, hovering)._replace(weaker=None),
         Claim(
             "disturbance",
             lambda share: {most: disturbance * (1.0 - share)},
-            lambda share: {most: disturbance + margin * _part(room, share)},
-            lambda share: {most: disturbance + margin * (room + share)},
+            lambda share: {most: disturbance * (1.0 + _part(room, share))},
+            lambda share: {most: disturbance + margin * (tilt + share)},
         ),
     ]
 
