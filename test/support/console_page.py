@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+import pytest
 from browser import DESKTOP, Page, browser
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
@@ -82,7 +83,15 @@ class ConsolePage:
         field.send_keys(value, Keys.TAB)
 
     def drag(self, name: str, share: float) -> None:
-        """Drag a slider to a share of its width."""
+        """Drag a slider to a share of its width; again if the page moved away below the mouse."""
+        before = self.page.run("return console_.sent")
+        for _ in range(5):
+            self._drag(name, share)
+            if self.page.run("return console_.sent") != before:
+                return
+        pytest.fail(f"the slider of {name} sends nothing")
+
+    def _drag(self, name: str, share: float) -> None:
         slider = self.page.find(f"label:has(#tune-{name}) input[type=range]")
         width = slider.size["width"]
         self.page.run(f"document.querySelector('#tune-{name}').scrollIntoView({{block: 'center'}})")

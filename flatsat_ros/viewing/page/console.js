@@ -21,6 +21,7 @@ class ConsolePage {
     this.begin = performance.now() / 1000;
     this.heard = -Infinity;
     this.line = 0;
+    this.sent = 0; // commands so far
     this.chosen = 0;
     const find = (id) => document.getElementById(id);
     this.parts = Object.fromEntries(["subtitle", "scene", "cards", "timeline", "plots", "said", "log", "whose", "sliders", "height", "aim", "aimed"].map((id) => [id, find(id)]));
@@ -231,6 +232,7 @@ class ConsolePage {
   }
 
   async send(command) {
+    this.sent += 1;
     this.say(`${command.do} ${command.who}…`, "");
     try {
       const answer = await fetch("/command", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(command) });
