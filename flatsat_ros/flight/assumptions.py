@@ -198,7 +198,7 @@ class Monitors:
         if self._lateness.note(seen, steady):
             self._late = float(self._lateness.excess.max()) > self._bounds[10]
         even = max(elapsed, 2.0 * self._period - elapsed)
-        jumped = self._jumped(seen.reference)
+        jumped = self._jumped(seen.reference, elapsed)
         bounds = self._bounds
         if (
             even <= bounds[1]
@@ -228,13 +228,14 @@ class Monitors:
         values[:, 7], values[:, 8], values[:, 9], values[:, 10] = demand, gain, 1.0 / gain, self._lateness.excess
         self._judge(now, flying, self._sizes, self._values > self._bounds)
 
-    def _jumped(self, reference: FloatArray) -> np.ndarray | None:
-        """Return whose references (N, 9) have moved on by another way than their velocity, if there are new ones."""
+    def _jumped(self, reference: FloatArray, elapsed: float) -> np.ndarray | None:
+        """Return whose references (N, 9) moved otherwise than by their velocity in that time, s, if some are new."""
         before, self._reference = self._reference, reference
         if self._assigned == self._references.assigned:
             return None
         self._assigned = self._references.assigned
-        off = reference[:, :6] - before[:, :6] - (self._period / 2.0) * (reference[:, 3:] + before[:, 3:])
+        step = elapsed if math.isfinite(elapsed) else self._period
+        off = reference[:, :6] - before[:, :6] - (step / 2.0) * (reference[:, 3:] + before[:, 3:])
         off[:, 3:] *= _JUMP / _JUMP_VELOCITY
         return np.asarray(np.abs(off).max(axis=1) > _JUMP)
 

@@ -287,11 +287,13 @@ class Performance:
         if left:
             why = ", ".join(self._names[index] for index in left)
             self._stop(now)
-            self._tell(f"{why} does not follow the plan any more: the others stand still in {self._until - now:.1f} s")
+            do = "does" if len(left) == 1 else "do"
+            self._tell(f"{why} {do} not follow the plan any more: the others stand still in {self._until - now:.1f} s")
         elif outside and now - self._outside >= _OUTSIDE:
             why = ", ".join(self._names[index] for index in outside)
             self._stop(now)
-            self._tell(f"{why} is outside its tube: all stand still in {self._until - now:.1f} s", outside[0])
+            where = "is outside its tube" if len(outside) == 1 else "are outside their tubes"
+            self._tell(f"{why} {where}: all stand still in {self._until - now:.1f} s", outside[0])
 
     def _who_is_outside(self, now: float) -> list[int]:
         """Return who is outside its tube, and note since when somebody is."""

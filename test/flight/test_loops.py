@@ -136,6 +136,19 @@ def test_on_the_way_to_a_goal_the_drone_is_in_its_tube_and_the_tube_is_claimed(
     assert (calm.column("tube")[late] == certificate.flight.horizontal.tube.position).all()
 
 
+def test_a_tick_that_is_a_little_late_is_no_jump_of_a_reference_that_is_given_just_then() -> None:
+    room = Room(ADAPTIVE)
+    room.pilot.set_goal(0, [2.0, 0.0, 1.0])
+    room.fly(2.8)
+    path = room.pilot.follows(0)
+    assert path is not None
+    assert np.linalg.norm(path.sample(2.8)[3:6]) > 0.3
+    room.next += 0.008
+    room.pilot.set_reference(0, path)
+    flown = room.fly(2.9)
+    assert Assumption.REFERENCE not in flown.column("assumption")[flown.times > 2.8]
+
+
 def since_when(flown: Flown, begin: float) -> float:
     """How long after a time the guarantee was last claimed, s."""
     claimed = flown.times[(flown.times >= begin) & (flown.column("guaranteed") == 1.0)]
