@@ -21,11 +21,14 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "support"))
 
 from flown import fly
 from prediction import ahead
+from swap import swap
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile, load_vehicle
+from flatsat_ros.demo.scenario import PAPER_WAYPOINTS, gentle_swap
 from flatsat_ros.identification.disturbances import shared
 from flatsat_ros.identification.fit import excited, fit
 from flatsat_ros.identification.identified import NAMES, Identified, estimate, figures_of, identify, telling
@@ -35,6 +38,7 @@ from flatsat_ros.identification.residuals import Flight
 from flatsat_ros.identification.response import Figures
 from flatsat_ros.identification.screening import STEP, Samples, position_noise, screen
 from flatsat_ros.identification.validation import oldest
+from flatsat_ros.sim.dynamics import Wind
 
 AHEAD = 50  # samples, 0.5 s
 PAST = 11  # samples from which the state at the start is taken, 0.1 s, by a quadratic
@@ -284,6 +288,17 @@ def recordings(folder: Path) -> None:
         )
 
 
+def light() -> None:
+    """Print how the swap goes that is certified for the drone of the flights, once it is light enough to be lifted."""
+    vehicle, certificate = load_vehicle("cf21_markers_light"), load_certificate("cf21_markers_light_soft_50hz")
+    box, places = certificate.flight.horizontal.box, PAPER_WAYPOINTS
+    paths = [gentle_swap(certificate, places, index, len(places)) for index in range(len(places))]
+    print(f"\nswap of {vehicle.name} by {certificate.name}, {vehicle.thrust_max / GRAVITY:.3f} g, {vehicle.mass:g} kg")
+    for gain in (vehicle.dynamics.attitude_gain, box.low.gain, box.high.gain):
+        drone = dataclasses.replace(vehicle, dynamics=dataclasses.replace(vehicle.dynamics, attitude_gain=gain))
+        print(f"  attitude gain {gain:.3f}: {swap(certificate, vehicle, drone, paths, Wind())}")
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -312,6 +327,7 @@ def main() -> None:
             prediction(pairs, base)
     if arguments.recordings is not None:
         recordings(arguments.recordings)
+    light()
     if arguments.runs:
         simulated(arguments.runs)
 

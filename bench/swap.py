@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, Certificate, load_certificate
-from flatsat_ros.crazyflie.vehicle import load_vehicle
+from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.demo.scenario import LINK_DELAY, PAPER_WAYPOINTS, POSE_NOISE, VEHICLE, gentle_swap
 from flatsat_ros.flight.modes import Mode
@@ -25,7 +25,6 @@ PRESENT = "cf21_50hz"
 AIR = {"still air": Wind(), "wind of 1 m/s with gusts": Wind(mean=(1.0, 0.0, 0.0), gust=0.2)}
 RATIO_TARGET = 0.6
 _CLIMB, _HEIGHT = 15.0, 1.0  # s, m
-_POLICY = Policy(disturbance_max=0.8, thrust_error_max=0.25, drag=load_vehicle(VEHICLE).dynamics.drag_z)
 
 
 class Swap(NamedTuple):
@@ -49,14 +48,19 @@ def swaps(air: Wind) -> tuple[Swap, Swap]:
     default = load_certificate(FLIGHT_CERTIFICATE)
     count = len(PAPER_WAYPOINTS)
     paths = [gentle_swap(default, PAPER_WAYPOINTS, index, count) for index in range(count)]
-    return _swap(load_certificate(PRESENT), paths, air), _swap(default, paths, air)
+    vehicle = load_vehicle(VEHICLE)
+    return swap(load_certificate(PRESENT), vehicle, vehicle, paths, air), swap(default, vehicle, vehicle, paths, air)
 
 
-def _swap(certificate: Certificate, paths: list[Trajectory], air: Wind) -> Swap:
-    count, vehicle = len(paths), load_vehicle(VEHICLE)
-    pilot = Pilot(certificate, Tuning(2.0, 0.05, 1.0, certificate.gain_max), _POLICY, count)
+def swap(
+    certificate: Certificate, vehicle: VehicleProfile, drone: VehicleProfile, paths: list[Trajectory], air: Wind
+) -> Swap:
+    """Return the flight of drones that the controller takes for a vehicle."""
+    count = len(paths)
+    policy = Policy(disturbance_max=0.8, thrust_error_max=0.25, drag=vehicle.dynamics.drag_z)
+    pilot = Pilot(certificate, Tuning(2.0, 0.05, 1.0, certificate.gain_max), policy, count)
     fleet = SimulatedFleet(
-        vehicle, count, start=PAPER_WAYPOINTS * (1.0, 1.0, 0.0), wind=air, capture=MotionCapture(noise=POSE_NOISE),
+        drone, count, start=PAPER_WAYPOINTS * (1.0, 1.0, 0.0), wind=air, capture=MotionCapture(noise=POSE_NOISE),
         command_delay=LINK_DELAY, seed=1,
     )  # fmt: skip
     errors, claimed = [], []

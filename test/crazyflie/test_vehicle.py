@@ -15,7 +15,7 @@ from flatsat_ros.crazyflie.intervals import Intervals
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 
 VEHICLES = Path(__file__).parents[2] / "config" / "vehicles"
-NAMES = ("cf21", "cf21_markers", "cf21_plus", "cf2x_2025", "thrust_kit", "brushless")
+NAMES = ("cf21", "cf21_markers", "cf21_markers_light", "cf21_plus", "cf2x_2025", "thrust_kit", "brushless")
 
 
 def profile(name: str = "cf21") -> VehicleProfile:
@@ -37,6 +37,7 @@ def test_every_packaged_profile_loads_under_its_own_name(path: Path) -> None:
         ("thrust_kit", 2.07),
         ("brushless", 1.90),
         ("cf21_markers", 1.007),
+        ("cf21_markers_light", 1.307),
     ],
 )
 def test_thrust_to_weight_ratio_at_pwm_60000(name: str, ratio: float) -> None:
@@ -100,7 +101,7 @@ def test_with_the_mass_for_a_thrust_that_is_the_most_it_makes(name: str, thrust:
     assert replace(drone, mass=drone.mass_for(thrust)).thrust_max == pytest.approx(thrust, rel=1e-12)
 
 
-@pytest.mark.parametrize("name", sorted(set(NAMES) - {"cf21_markers"}))
+@pytest.mark.parametrize("name", sorted(set(NAMES) - {"cf21_markers", "cf21_markers_light"}))
 def test_the_general_thrust_map_tends_to_the_linear_one(name: str) -> None:
     linear, nearly = profile(name), replace(profile(name), thrust_slope=1.0 + 1e-12)
     assert linear.thrust_slope == 1.0
@@ -226,3 +227,12 @@ def test_what_is_no_profile_is_refused(text: str, tmp_path: Path) -> None:
     path.write_text(text, encoding="latin-1")
     with pytest.raises(FlatsatError):
         VehicleProfile.load(path)
+
+
+def test_the_light_drone_is_the_one_with_markers_with_less_to_carry() -> None:
+    heavy, light = profile("cf21_markers"), profile("cf21_markers_light")
+    share = heavy.mass / light.mass
+    assert (light.force_max, light.thrust_slope, light.pwm_max) == (heavy.force_max, heavy.thrust_slope, heavy.pwm_max)
+    scaled = {name: getattr(heavy.dynamics, name) * share for name in ("drag_xy", "drag_z", "velocity_tilt")}
+    rounded = {name: float(f"{value:.3g}") for name, value in scaled.items()}
+    assert light.dynamics == replace(heavy.dynamics, **rounded)

@@ -29,7 +29,7 @@ from flatsat_ros.synthesis.flight_wishes import STILL, Plants, assumed, sides, u
 
 CONFIG = Path(__file__).parents[2] / "config"
 DESIGNS = read_designs(CONFIG / "designs" / "flight.yaml")
-VEHICLES = ("brushless", "cf21", "cf21_markers", "cf21_plus", "cf2x_2025", "thrust_kit")
+VEHICLES = ("brushless", "cf21", "cf21_markers", "cf21_markers_light", "cf21_plus", "cf2x_2025", "thrust_kit")
 
 
 @given(rate=st.floats(0.5, 50.0), share=st.floats(0.02, 0.95))
