@@ -93,7 +93,7 @@ class Plots {
         legend: { show: false },
         cursor: { drag: { x: true, y: false }, points: { size: 5 }, sync: { key: "flight" } },
         scales: { x: { time: false }, y: { range: (_, low, high) => Plots.range(low, high, limits) } },
-        axes: [{ ...axis, size: 22, values: (_, ticks) => ticks.map((t) => `${t} s`) }, { ...axis, size: 46 }],
+        axes: [{ ...axis, size: 22, values: (_, ticks) => ticks.map((t) => `${t} s`) }, { ...axis, size: 46, values: (_, ticks) => ticks.map((tick) => written(tick, 4)) }],
         series: [
           {},
           ...drones.map((drone, k) => ({ label: drone.name, stroke: colourOf(k), width: 1.4, dash: dashOf(k), spanGaps: false, points: { show: false } })),
@@ -119,7 +119,8 @@ class Plots {
     if (!values.length) return [0, 1];
     const bottom = Math.min(...values);
     const top = Math.max(...values);
-    const room = 0.08 * (top - bottom) || 0.1 * Math.abs(top) || 1;
+    // of curves that are level, nobody wants to see the rounding
+    const room = top - bottom > 1e-6 ? 0.08 * (top - bottom) : Math.max(0.1 * Math.abs(top), 0.01);
     return [bottom - room, top + room];
   }
 
