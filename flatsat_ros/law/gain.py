@@ -79,5 +79,7 @@ def adapt(gain: FloatArray, lyapunov: FloatArray, tuning: Tuning, period: float)
         period: h, s.
     """
     excess = np.maximum(lyapunov - tuning.threshold, 0.0)
-    slope = tuning.adaptation_rate * excess - tuning.leak * (gain - 1.0)
+    slope = tuning.adaptation_rate * excess
+    if np.count_nonzero(tuning.leak):
+        slope = slope - tuning.leak * (gain - 1.0)
     return np.minimum(np.maximum(gain + period * slope, 1.0), tuning.gain_max)

@@ -201,20 +201,23 @@ class InputSet:
         To be called where numpy does not warn of divisions.
         """
         half_width = self._half_width
-        if np.abs(base).max(initial=0.0) > half_width:
+        if np.maximum.reduce(np.abs(base), axis=None, initial=0.0) > half_width:
             return np.minimum(most, self.exit_factor_of_finite(base, v))
         way = most[..., np.newaxis] * v
         end = base + way
-        size = np.abs(end).max(initial=0.0)
+        size = np.maximum.reduce(np.abs(end), axis=None, initial=0.0)
         if size <= half_width:
             return most
         if not size <= LARGEST:
             return np.minimum(most, self.exit_factor_of_finite(base, v))
         # V_c is convex: a limit that both ends keep is kept between them
         radius, up = np.hypot(end[..., 0], end[..., 1]), end[..., 2] + self.gravity
-        kept = np.hypot(radius, up) <= self.thrust_max, radius <= self._slope * up, up >= self.thrust_min
-        exceeded = Limits(*(bool(np.count_nonzero(holds) < holds.size) for holds in kept))
-        return most / np.maximum(self._exits(base, way, exceeded), 1.0) if any(exceeded) else most
+        sphere = bool(np.count_nonzero(np.hypot(radius, up) > self.thrust_max))
+        cone = bool(np.count_nonzero(radius > self._slope * up))
+        plane = bool(np.count_nonzero(up < self.thrust_min))
+        if not (sphere or cone or plane):
+            return most
+        return most / np.maximum(self._exits(base, way, Limits(sphere, cone, plane)), 1.0)
 
     def _exits(self, base: FloatArray, v: FloatArray, limits: Limits) -> FloatArray:
         """Return the reciprocal, at least 0, of the largest factor lambda with base + lambda v within some limits.
