@@ -80,12 +80,12 @@ class Result(NamedTuple):
 def drawn(certificate: Certificate, wishes: Wishes) -> Iterator[Mission]:
     """Yield missions of several sizes: swarms from random places to others, and tours of one drone."""
     random = np.random.default_rng(0)
-    margin, jerk, snap, acceleration = default_bounds(certificate)
-    bounds = Bounds(margin, jerk, snap, LOW, HIGH, None, acceleration)
+    usual = default_bounds(certificate)
+    bounds = Bounds(usual.margin, usual.jerk, usual.snap, LOW, HIGH, usual.speed, usual.acceleration)
     if wishes.tube is not None or certificate.flight is None:
         tube = Tube(TUBE if wishes.tube is None else wishes.tube)
     else:
-        tube = certified_tube(certificate.flight, jerk, snap, DOWNWASH)
+        tube = certified_tube(certificate.flight, certificate.limits, usual.jerk, usual.snap, DOWNWASH)
 
     def mission(name: str, drones: Iterable[Asked]) -> Mission:
         return Mission(name, tuple(drones), certificate.name, certificate.limits, bounds, tube)
