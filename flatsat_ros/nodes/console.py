@@ -67,7 +67,13 @@ class Console(ProgramNode):
         self._hear(interfaces.SETUP, interfaces.SETUP.suffix, self._on_setup)
         self._stream = Stream(self._on_followed)
         self._server = ConsoleServer(port, console(), self._stream, self._command)
+        # pages that wait for a console connect at once: they are answered when this node's callbacks run
+        self._serving = self.create_timer(_LOOK, self._serve)
         self.get_logger().info(f"open {self._server.address} in a browser on this machine")
+
+    def _serve(self) -> None:
+        self._serving.cancel()
+        self._server.serve()
 
     def finish(self) -> None:
         """Close the page."""

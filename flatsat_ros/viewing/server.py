@@ -87,7 +87,7 @@ class ConsoleServer:
     """Serves a page and a stream, and hands commands on."""
 
     def __init__(self, port: int, page: str, stream: Stream, command: Command) -> None:
-        """Begin to listen.
+        """Let connections come; `serve` answers them.
 
         Args:
             port: on the loopback interface.
@@ -105,6 +105,10 @@ class ConsoleServer:
             reason = getattr(error, "strerror", None) or error
             raise refusal("parameter port", port, "", f"one on which nobody listens on {ADDRESS} ({reason})") from error
         self._stream = stream
+        self._thread: threading.Thread | None = None
+
+    def serve(self) -> None:
+        """Begin to answer those who have connected so far and who come."""
         self._thread = threading.Thread(target=self._server.serve_forever, args=[_LOOK], name="console", daemon=True)
         self._thread.start()
 
@@ -116,7 +120,8 @@ class ConsoleServer:
     def close(self) -> None:
         """Stop listening and send all viewers away."""
         self._stream.close()
-        self._server.shutdown()
+        if self._thread is not None:
+            self._server.shutdown()
         self._server.server_close()
 
 

@@ -32,6 +32,7 @@ class Teller:
     def __init__(self) -> None:
         self.stream = Stream(lambda _: None)
         self.server = ConsoleServer(0, console(), self.stream, self._refuse)
+        self.server.serve()
         self._line = 0
 
     def _refuse(self, wanted: dict[str, Any]) -> Future[str]:

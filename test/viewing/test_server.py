@@ -31,6 +31,7 @@ class Desk:
     def __post_init__(self) -> None:
         self.stream = Stream(self.followed.append)
         self.server = ConsoleServer(0, PAGE, self.stream, self.command)
+        self.server.serve()
         self.host = self.server.address.removeprefix("http://")
 
     def command(self, wanted: dict[str, Any]) -> Future[str]:
