@@ -10,6 +10,11 @@ disturbance that stays. s is fitted to the innovations of some seconds. Another 
 innovations too: of models without drag that is taken off, of others, whose drag is known to a tenth, it is left in. Lag
 and delay apart are not told by that.
 
+The model's acceleration answers to innovations, too: with noise alone the fit would make drones 50 ms too early. So it
+is fitted by what is correlated with the same filter of the reference's acceleration (an instrumental variable), which
+knows of no noise, and of no disturbance: s is the sum of products with the innovations over that with what s makes of
+them.
+
 Disturbances make innovations that stay alike for a second or so, unlike noise. So how sure a fit is follows from how
 the parts of the window, half a second each, deviate from it in sum, and not tick by tick.
 """
@@ -28,9 +33,9 @@ if TYPE_CHECKING:
     from flatsat_ros.flight.assumptions import Seen
 
 # what is looked at, s, and how often
-_WINDOW, _EVERY = 6.0, 0.5
-# so many parts of it must have shown something
-_PARTS = 4
+_WINDOW, _EVERY = 10.0, 0.5
+# so many parts of it must have shown something: answers to the reference of so much together, m^2
+_PARTS, _SHOWN = 6, 1e-6
 # standard deviations of the fit by which it must be outside before that is believed
 _SURE = 2.5
 # a fit that is less sure than this share of the interval says nothing
@@ -64,11 +69,11 @@ class Lateness:
         self._length = round(_EVERY / design.period)  # of a part of the window, in ticks
         self._move, self._answer, self._enter = _filter(design.period, design.observer, self._length)
         self._steady, self._ticks = np.ones(count, dtype=bool), 0
-        # of this part: innovation, m, acceleration of the model, m/s^2, velocity, m/s; and the acceleration before it
-        self._seen, self._before = np.zeros((3, self._length, count, 2)), np.zeros((count, 2))
-        self._states = np.zeros((2, 3, count, 2))  # of the filter, for changes of the acceleration and for drag
-        # sums over each part of the window, newest last, of a^2, i a and s a
-        self._sums = np.zeros((round(_WINDOW / _EVERY), 3, count))
+        # of this part: innovation, m, accelerations of model and reference, m/s^2, velocity, m/s; and both before it
+        self._seen, self._before = np.zeros((4, self._length, count, 2)), np.zeros((2, count, 2))
+        self._states = np.zeros((3, 3, count, 2))  # of the filter, for changes of both accelerations and for drag
+        # sums over each part of the window, newest last, of the products of r with a, i, s and itself
+        self._sums = np.zeros((round(_WINDOW / _EVERY), 4, count))
         self.excess = np.zeros(count)
 
     def note(self, seen: Seen, steady: np.ndarray) -> bool:
@@ -80,15 +85,16 @@ class Lateness:
         """
         place, kept = self._ticks % self._length, self._seen
         kept[0, place], kept[1, place] = seen.innovation[:, :2], seen.acceleration[:, :2]
+        kept[2, place] = seen.reference[:, 6:8]
         if self._drag > 0.0:
-            kept[2, place] = seen.error[:, 3:5] + seen.reference[:, 3:5]
+            kept[3, place] = seen.error[:, 3:5] + seen.reference[:, 3:5]
         if np.count_nonzero(steady) < self._count:
             kept[:, place, ~steady] = 0.0
             ends = self._steady & ~steady
             if np.count_nonzero(ends):
                 for array in (kept, self._states):
                     array[:, :, ends] = 0.0
-                self._sums[:, :, ends], self._before[ends] = 0.0, 0.0
+                self._sums[:, :, ends], self._before[:, ends] = 0.0, 0.0
         self._steady = steady
         self._ticks += 1
         if self._ticks % self._length:
@@ -101,15 +107,19 @@ class Lateness:
 
     def _take(self) -> None:
         """Add the part of the window that is full to the sums."""
-        innovation, acceleration, velocity = self._seen.reshape(3, self._length, -1)
-        before = np.concatenate([self._before.reshape(1, -1), acceleration[:-1]])
-        self._before = acceleration[-1].reshape(-1, 2).copy()
-        changes = np.where(before != 0.0, acceleration - before, 0.0) / self._period  # 0 where nothing was seen
-        answers = self._answered(0, -changes)
-        slowed = self._answered(1, velocity) if self._drag > 0.0 else velocity
-        products = answers * answers, innovation * answers, slowed * answers
+        innovation, acceleration, reference, velocity = self._seen.reshape(4, self._length, -1)
+        answers, led = (self._changed(kind, values) for kind, values in enumerate((acceleration, reference)))
+        slowed = self._answered(2, velocity) if self._drag > 0.0 else velocity
+        products = led * answers, led * innovation, led * slowed, led * led
         self._sums[:-1] = self._sums[1:]
         self._sums[-1] = [product.sum(axis=0).reshape(-1, 2).sum(axis=1) for product in products]
+
+    def _changed(self, kind: int, accelerations: FloatArray) -> FloatArray:
+        """Return the innovations, m, that 1 s of lateness makes, of accelerations (length, 2 N), m/s^2."""
+        before = np.concatenate([self._before[kind].reshape(1, -1), accelerations[:-1]])
+        self._before[kind] = accelerations[-1].reshape(-1, 2)
+        # 0 where nothing was seen
+        return self._answered(kind, -np.where(before != 0.0, accelerations - before, 0.0) / self._period)
 
     def _answered(self, kind: int, inputs: FloatArray) -> FloatArray:
         """Return the innovations, m, that inputs (length, 2 N), m/s^2, make, and move the filter of a kind on."""
@@ -120,16 +130,16 @@ class Lateness:
         return np.asarray(answers)
 
     def _fit(self) -> None:
-        powers, products, _ = self._sums.transpose(1, 0, 2)
-        power, common, alike = self._sums.sum(axis=0)
-        power = power + _TINY
+        powers, products, _, led = self._sums.transpose(1, 0, 2)
+        power, common, alike, _ = self._sums.sum(axis=0)
+        power = np.maximum(power, _TINY)
         late = common / power
         left = products - late * powers  # of each part
         deviation = np.sqrt((left * left).sum(axis=0)) / power
         alike = self._drag * np.abs(alike) / power
         excess = np.maximum(np.abs(late - self._middle) - _SURE * deviation - alike, 0.0)
-        shown = np.count_nonzero(powers > 0.0, axis=0) >= _PARTS
-        told = shown & (power > 2.0 * _TINY) & (deviation < _LOOSE * self.bound)
+        shown = np.count_nonzero(led > _SHOWN, axis=0) >= _PARTS
+        told = shown & (deviation < _LOOSE * self.bound)
         self.excess = np.where(told, excess, 0.0)
 
 

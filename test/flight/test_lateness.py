@@ -19,13 +19,17 @@ FLYING = Certificate.from_document(read_yaml(config_path("cf21_tight_50hz"))).fl
 PERIOD = 0.02
 
 
-def looks(late: float, noise: float, seed: int) -> Iterator[Seen]:
-    """Yield 6 s of a motion in which one drone is late, and another one stands still."""
+def looks(late: float, noise: float, seed: int, fed: float = 0.0) -> Iterator[Seen]:
+    """Yield 6 s of a motion in which one drone is late, and another one stands still.
+
+    Commands answer to innovations by `fed` 1/s^2, as those of a law do that believes them.
+    """
     assert FLYING is not None
     random = np.random.default_rng(seed)
     h, observer = PERIOD, np.array(FLYING.horizontal.design.observer)
     F = np.array([[1.0, h, h * h / 2.0], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
     error = np.zeros((3, 2))  # of position, velocity and disturbance, in x and in y
+    believed = np.zeros((2, 2))
     for tick in range(300):
         t = tick * h
         acceleration = np.array([0.8 * np.sin(1.5 * t), 0.6 * np.cos(1.1 * t)])
@@ -33,7 +37,9 @@ def looks(late: float, noise: float, seed: int) -> Iterator[Seen]:
         velocity = np.array([0.8 / 1.5 * -np.cos(1.5 * t), 0.6 / 1.1 * np.sin(1.1 * t)])
         shown = np.zeros((4, 2, 9))  # of both drones
         shown[0, :, :2], shown[0, 1, :2] = innovation, noise * random.standard_normal(2)
-        shown[1, 0, :2], shown[2, 0, 3:5] = acceleration, velocity
+        believed = 0.9 * believed + shown[0, :, :2]
+        shown[1, 0, :2], shown[2, 0, 3:5], shown[2, 0, 6:8] = acceleration, velocity, acceleration
+        shown[1, :, :2] -= fed * believed
         rows, none = np.zeros((2, 3)), np.zeros(2)
         yield Seen(shown[3, :, :6], shown[2], none, shown[0, :, :3], rows, none, rows, shown[1, :, :3])
         # the late drone has the acceleration of some time ago
@@ -43,11 +49,11 @@ def looks(late: float, noise: float, seed: int) -> Iterator[Seen]:
         error += np.outer([h * h / 2.0, h, 0.0], ago - now)
 
 
-def seen(late: float, noise: float, seed: int) -> Lateness:
+def seen(late: float, noise: float, seed: int, fed: float = 0.0) -> Lateness:
     """Return the fit after `looks`."""
     assert FLYING is not None
     lateness = Lateness(FLYING.horizontal, 2)
-    for look in looks(late, noise, seed):
+    for look in looks(late, noise, seed, fed):
         lateness.note(look, np.array([True, True]))
     return lateness
 
@@ -74,6 +80,13 @@ def test_noise_is_no_lateness_and_hides_none_that_is_large() -> None:
         assert calm.excess.max() <= calm.bound
         assert late.excess[0] > late.bound
         assert late.excess[1] == 0.0
+
+
+def test_noise_that_the_commands_answer_to_makes_nobody_early() -> None:
+    for seed in range(5):
+        found = seen(0.0, 5e-4, seed, fed=12.0)
+        assert found.excess.max() <= 0.2 * found.bound
+    assert seen(0.12, 5e-4, 0, fed=12.0).excess[0] > 0.095
 
 
 @given(begin=st.integers(1, 100), length=st.integers(1, 60))
