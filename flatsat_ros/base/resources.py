@@ -40,6 +40,11 @@ def config_path(name_or_path: str | os.PathLike[str], folder: str = "") -> Path:
     raise FlatsatError(f"{missing}; packaged in {packaged}: {names}; or give the path of a .yaml file")
 
 
+def is_packaged(name: str, folder: str = "") -> bool:
+    """Tell whether there is a packaged configuration of that name, see `config_path`."""
+    return (_config_folder() / folder / f"{name}.yaml").is_file()
+
+
 def _config_folder() -> Path:
     """Folder config/ of the source tree (also behind a symlink or editable install), else of the share/ installed."""
     package = Path(__file__).resolve().parents[1]

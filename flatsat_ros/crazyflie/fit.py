@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.resources import is_packaged
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight_plant import Plant
 from flatsat_ros.crazyflie.vehicle import Dynamics, VehicleProfile
@@ -46,8 +47,8 @@ def require_fit(certificate: Certificate, vehicle: VehicleProfile, link_delay: f
     if flight.horizontal.box.low.frequency == 0.0 and attitude.damping < _UNDERDAMPED:
         raise FlatsatError(
             f"certificate {certificate.name!r} is for attitudes without overshoot, but that of {robot}, vehicle "
-            f"{vehicle.name!r}, has a damping of {attitude.damping:g}: must be at least {_UNDERDAMPED}; synthesize one "
-            "with --flight for this vehicle"
+            f"{vehicle.name!r}, has a damping of {attitude.damping:g}: must be at least {_UNDERDAMPED}"
+            + another(certificate, vehicle)
         )
     boxes = [axis.box for axis in flight.axes]
     figures = [
@@ -66,8 +67,18 @@ def require_fit(certificate: Certificate, vehicle: VehicleProfile, link_delay: f
         if not low - _ROUNDING * abs(low) <= value <= high + _ROUNDING * abs(high):
             raise FlatsatError(
                 f"certificate {certificate.name!r} is not for {robot}, vehicle {vehicle.name!r}, which has {what} of "
-                f"{value:.4g} {unit}: must be from {low:.4g} to {high:.4g} {unit}".rstrip()
+                f"{value:.4g} {unit}".rstrip()
+                + f": must be from {low:.4g} to {high:.4g} {unit}".rstrip()
+                + another(certificate, vehicle)
             )
+
+
+def another(certificate: Certificate, vehicle: VehicleProfile) -> str:
+    """Return, as the end of a refusal, which certificate there is for a vehicle, at the rate of one that is not."""
+    name = f"{vehicle.name}_adaptive_{round(1.0 / certificate.period)}hz"
+    if name != certificate.name and is_packaged(name):
+        return f"; {name} is packaged for this vehicle"
+    return "; synthesize one with --flight for this vehicle"
 
 
 def _sides(dynamics: Dynamics, low: Plant, high: Plant) -> Iterator[_Figure]:

@@ -30,8 +30,9 @@ _FORGOTTEN = 0.05
 _OUTSIDE = 0.5
 # a reference that moves on by another way than its velocity, m, or velocity than its acceleration, m/s, has jumped
 _JUMP, _JUMP_VELOCITY = 1e-3, 1e-2
-# what is broken again is told again once it has held for so long, s
-_SILENCE = 1.0
+# what is broken again is told again once it has held for so long, s; a disturbance that becomes so many times as large,
+# as well
+_SILENCE, _LARGER = 1.0, 2.0
 # a pose so far, m, from where the model expects it is not the model's: its estimate begins anew
 _LOST = 0.15
 _ROUNDING = 1e-9
@@ -79,6 +80,7 @@ _COLUMNS = (
     Assumption.LATENESS,
 )
 _WHICH = np.array(_COLUMNS)
+_OF_DISTURBANCE = _COLUMNS.index(Assumption.DISTURBANCE)
 _OF_RATE = Assumption.DISTURBANCE_RATE.value == _WHICH
 _START, _TUBE = Assumption.START.value, Assumption.TUBE.value
 
@@ -164,6 +166,7 @@ class Monitors:
         self._sizes, self._values = np.zeros((self._count, 3, 2)), np.zeros((self._count, len(_COLUMNS)))
         self._outside = np.zeros(self._count)  # s for which it has been outside without a reason
         self._told = np.full((self._count, len(Assumption)), -np.inf)
+        self._least = np.zeros(self._count)  # disturbance since one was told of, m/s^2
         self._nothing, self._nobody = np.zeros(self._count, dtype=int), np.zeros(self._count, dtype=bool)
         self.broken, self.lost = np.full(self._count, _START), self._nobody
         self.ratio = np.zeros(self._count)
@@ -281,7 +284,11 @@ class Monitors:
         for index in np.flatnonzero(flying & (self.broken != 0) & (self.broken != _START)):
             which = int(self.broken[index])
             told, self._told[index, which] = self._told[index, which], self._now
-            if self._now - told > _SILENCE:
+            anew = self._now - told > _SILENCE
+            size = self._values[index, _OF_DISTURBANCE]
+            anew |= which == Assumption.DISTURBANCE and size > _LARGER * self._least[index]
+            self._least[index] = size if anew else min(size, self._least[index])
+            if anew:
                 found.append((int(index), self.sentence(int(index))))
         return found
 
@@ -293,13 +300,16 @@ class Monitors:
         if which is Assumption.START:
             return "tube not claimed yet: it comes from outside"
         text, factor, unit = _WORDS[which]
-        if which is Assumption.TUBE:
-            part = int((self._sizes[index, 0] / self._tube).argmax())
-            value, bound = self._sizes[index, 0, part], self._tube[part]
-        else:
-            column = int((self._values[index] > self._bounds).argmax())
-            value, bound = self._values[index, column], self._bounds[column]
+        value, bound = self._beyond(index, which)
         return f"tube not claimed: {text}, {factor * value:.3g} {unit}, bound {factor * bound:.3g} {unit}"
+
+    def _beyond(self, index: int, which: int) -> tuple[float, float]:
+        """Return value and bound of what does not hold for drone index, `which` assumption."""
+        if which == _TUBE:
+            part = int((self._sizes[index, 0] / self._tube).argmax())
+            return float(self._sizes[index, 0, part]), float(self._tube[part])
+        column = int((self._values[index] > self._bounds).argmax())
+        return float(self._values[index, column]), float(self._bounds[column])
 
 
 def _all(holds: np.ndarray) -> bool:

@@ -37,7 +37,7 @@ class AstrayDetector:
     commands far, or whether one of the body's axes has the other sign, is asked of sums over the last seconds.
     """
 
-    def __init__(self, count: int, period: float, late: float, *, turns: bool = False) -> None:
+    def __init__(self, count: int, period: float, late: float, *, turns: bool = False, wary: bool = False) -> None:
         """Begin without a past.
 
         Args:
@@ -45,7 +45,10 @@ class AstrayDetector:
             period: between two looks, s.
             late: how long a command takes to act, s.
             turns: `turns` will be asked for.
+            wary: what comes along one axis without being commanded is taken for a gust, which may come along the other
+                one as well: it moves a drone that is flown softly by much.
         """
+        self._wary = wary
         self._turns = turns
         self._period = period
         self._window, self._late = max(1, round(_WINDOW / period)), math.ceil(late / period - 0.5)
@@ -91,8 +94,11 @@ class AstrayDetector:
             self._wrong[:] = 0.0
             return np.zeros(self._wrong.size, dtype=bool)
         size, along, total, across = self._compared()
+        whole = total.sum(axis=0)
+        if self._wary:
+            total = total + np.maximum(total - along * along / np.maximum(size, _JUDGED) - _NOISE, 0.0)[::-1]
         negated = _explained(size, along, total) & (along < 0.0)
-        turned = _explained(size.sum(axis=0), np.hypot(along.sum(axis=0), across), total.sum(axis=0))
+        turned = _explained(size.sum(axis=0), np.hypot(along.sum(axis=0), across), whole)
         turned &= np.abs(across) > _TURNED * along.sum(axis=0)
         self._wrong = np.where(turned | negated.any(axis=0), self._wrong + self._period, 0.0)
         return np.asarray(self._wrong > _WRONG_TIME)

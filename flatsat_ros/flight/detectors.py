@@ -113,6 +113,11 @@ class LiftOffDetector:
         """Return how high drone index, which is seen at a place (3,), m, is if all its way led upward, m."""
         return float(self._place[index, 2] + np.linalg.norm(place - self._place[index]))
 
+    def upward(self, index: int, place: FloatArray) -> FloatArray:
+        """Return the direction (3,) in which drone index, which is seen at a place (3,), m, has left the ground."""
+        way = place - self._place[index]
+        return np.asarray(way / np.linalg.norm(way))
+
     def held(self, now: float, place: FloatArray, upward: FloatArray, flying: np.ndarray) -> np.ndarray:
         """Tell which drones have been commanded to climb for too long without leaving the ground, (N,).
 

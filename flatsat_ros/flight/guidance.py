@@ -34,6 +34,9 @@ _HANGS = 0.10
 _HANGS_NO_MORE = 0.05
 # a drone this far, m, from where its trajectory is cannot follow it
 _FAR = 0.5
+# One that was not steered for a moment, and is this near, m, to where its path within what its certificate assumes is
+# by now, goes on with it: set out anew again and again, where poses come rarely, it would not come to rest for long.
+_BESIDE = 0.2
 # a drone this far outside the box, m, has left it
 _TOLERATED = 0.3
 # the reference of a drone that lands and cannot follow is this near to it, m: enough to hold against the wind
@@ -201,8 +204,10 @@ class Guidance:
         motion = self._motion(index, state)
         motion[1] /= max(float(np.linalg.norm(motion[1])) / self._path_limits.speed, 1.0)
         urgent = resumed or float(np.abs(motion[1]).max()) > _SETS_OUT
+        away = float(np.linalg.norm(self.references.motion(index, now)[0] - state[:3]))
+        if resumed and self._flight is not None and away <= _BESIDE:
+            return 0.0
         if self._goals[index] is None:
-            away = float(np.linalg.norm(self.references.motion(index, now)[0] - state[:3]))
             if away <= _FAR:
                 return 0.0
             self._goals[index] = _BRAKE.copy()
@@ -244,6 +249,10 @@ class Guidance:
             found.append((int(index), f"it has left the box, {name} = {state[index, axis]:.2f} {sign} {side:g} m"))
         return found
 
+    def near_ground(self, state: FloatArray) -> np.ndarray:
+        """Tell who is near the ground on which it stood last, (N,); state is (N, 6), m, m/s."""
+        return np.asarray(state[:, 2] - self.ground < _NEAR_GROUND)
+
     def update(
         self, now: float, state: FloatArray, reference: FloatArray, flying: np.ndarray, full: np.ndarray
     ) -> None:
@@ -256,7 +265,7 @@ class Guidance:
             flying: (N,) who is steered.
             full: (N,) whose thrust was at its limit at the last tick.
         """
-        low = state[:, 2] - self.ground < _NEAR_GROUND
+        low = self.near_ground(state)
         if not np.count_nonzero(low) + np.count_nonzero(full) + np.count_nonzero(self._waiting):
             return
         error = reference[:, 2] - state[:, 2]

@@ -51,6 +51,9 @@ _LIFT_TIME = 1.0
 # a drone that sinks without being steered is pushed down by this, 1/s, times the speed at which it climbs instead, and
 # by no more than this, m/s^2
 _CLIMBS_NOT, _CLIMBS_NOT_MOST = 1.0, 1.0
+# One whose poses mislead about what is up has left the ground upward all the same, wherever they show it: along that
+# way it gets so much more, 1/s, for what it sinks faster than by this, m/s, up to so much, m/s^2.
+_SINKS, _SINKS_BEYOND, _SINKS_MOST = 2.0, 0.4, 1.0
 # a drone that moves faster than this, m/s, does not stand; noise of 2 mm in the poses shows half of that
 _MOVING = 0.2
 
@@ -82,7 +85,7 @@ class Senses:
         self._fall = FallDetector(count)
         late = max(certificate.lag + certificate.delay, _LATE)
         turns = policy.yaw_source is YawSource.MOTION
-        self._astray = AstrayDetector(count, self._period, late, turns=turns)
+        self._astray = AstrayDetector(count, self._period, late, turns=turns, wary=self._tubes is not None)
         self._late = late
         self._limit = TiltLimitDetector(count, certificate.limits.tilt_max, gravity)
         self._bobbing = BobbingDetector(count)
@@ -93,6 +96,7 @@ class Senses:
         self._turns = np.zeros(count)  # corrections of yaws that are learnt from motion, rad, not yet made
         self._settling = np.zeros(count)  # s, until the yaw may be found wrong again
         self._misled = np.zeros(count, dtype=bool)  # it sinks, and its height is not what its poses say
+        self._up = np.zeros((count, 3))  # of those, the direction in which they have left the ground
         self._gone_astray = np.zeros(count, dtype=bool)  # until it is down
         self._taken = np.full(count, -np.inf)  # stamps of the poses that were learnt from last, s
         self._free = np.zeros(count, dtype=bool)  # steered in the air, away from the ground
@@ -100,18 +104,21 @@ class Senses:
         self._push = np.zeros((count, 3))  # commanded change of velocity since the last look, m/s
         self._places = np.zeros((_PLACES + 1, count, 2))  # at the last looks, newest last, m
 
-    def sinking_thrust(self, now: float, climb: FloatArray, usable: np.ndarray) -> FloatArray:
+    def sinking_thrust(self, now: float, velocity: FloatArray, usable: np.ndarray) -> FloatArray:
         """Return the thrusts (N,), m/s^2, of drones that sink without being steered.
 
         What was learnt of the thrust may be wrong: one that is seen to climb all the same gets less.
 
         Args:
             now: s.
-            climb: (N,) estimated vertical velocity, m/s.
+            velocity: (N, 3) estimated, m/s.
             usable: (N,) who has one.
         """
-        climbs = np.where(usable & ~self._misled, np.clip(_CLIMBS_NOT * climb, 0.0, _CLIMBS_NOT_MOST), 0.0)
-        return self.descent.thrust(now) - climbs
+        climbs = np.clip(_CLIMBS_NOT * velocity[:, 2], 0.0, _CLIMBS_NOT_MOST)
+        if np.count_nonzero(self._misled):
+            sinks = -(velocity * self._up).sum(axis=1) - _SINKS_BEYOND
+            climbs = np.where(self._misled, -np.clip(_SINKS * sinks, 0.0, _SINKS_MOST), climbs)
+        return self.descent.thrust(now) - np.where(usable, climbs, 0.0)
 
     def set_clock_back(self, now: float) -> None:
         """Let nothing last longer because the clock was set back to now, s."""
@@ -162,6 +169,7 @@ class Senses:
             return
         for index in map(int, np.flatnonzero(anew)):
             depth = self._lift_off.risen(index, state[index, :3]) - state[index, 2]
+            self._up[index] = self._lift_off.upward(index, state[index, :3])
             self._reports.append((index, _SLID if slid[index] else _SUNK.format(depth, LIFTED_OFF)))
         self._misled = self._misled | anew
         self._gone_astray = self._gone_astray | anew

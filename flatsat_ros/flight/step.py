@@ -127,6 +127,9 @@ class ControlStep:
                     guidance.land(index, now, state[index, :3])
         # on the ground nothing is claimed, before a flight and at its end
         claimed = flying & ~senses.grounded & ~guidance.landing
+        watched = claimed
+        if np.count_nonzero(guidance.landing):
+            watched = flying & ~senses.grounded & ~(guidance.landing & guidance.near_ground(state))
         for index in parts.loop.astray():
             if claimed[index]:
                 guidance.land(index, now)
@@ -135,7 +138,7 @@ class ControlStep:
         changing = bool(transitions) or senses.looked
         aloft = level | (flying & ~senses.grounded) if changing else None
         estimator.command(now, acceleration, free, aloft)
-        told = senses.reports() + estimator.complaints() + parts.loop.reports(claimed)
+        told = senses.reports() + estimator.complaints() + parts.loop.reports(watched)
         reports, self.reports = self.reports + [Report(*entry) for entry in told], []
         return Tick(
             mode=mode.copy(),
@@ -203,7 +206,7 @@ class ControlStep:
         command = np.where(flies, output.input, 0.0)
         acceleration = np.where(flies, output.acceleration, 0.0)
         if np.count_nonzero(level):
-            thrust = self._parts.senses.sinking_thrust(now, self.state[:, 5], self.usable)
+            thrust = self._parts.senses.sinking_thrust(now, self.state[:, 3:], self.usable)
             command[level, 0] = thrust[level]
             acceleration[level, 2] = thrust[level] - self._certificate.limits.gravity
         return command, acceleration

@@ -8,7 +8,7 @@ from rclpy.node import Node
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, Certificate, load_certificate
-from flatsat_ros.crazyflie.fit import require_fit
+from flatsat_ros.crazyflie.fit import another, require_fit
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.crazyflie.wire import YawMode
 from flatsat_ros.flight.policy import Policy
@@ -61,8 +61,8 @@ def declare_setup(node: Node) -> Setup:
         if certificate.limits.thrust_max > vehicle.thrust_max:
             raise FlatsatError(
                 f"certificate {certificate.name!r} allows a thrust of {certificate.limits.thrust_max:.4f} m/s^2, "
-                f"but {robot}, vehicle {vehicle.name!r}, lifts {vehicle.thrust_max:.4f} m/s^2: "
-                "synthesize one with thrust_max at most that"
+                f"but {robot}, vehicle {vehicle.name!r}, lifts {vehicle.thrust_max:.4f} m/s^2: must be at most that"
+                + another(certificate, vehicle)
             )
     link_delay = declare(
         node, "link_delay", 0.028, "from a command to the drone: computer, radio", unit="s", bounds=(0.0, 0.5)

@@ -24,11 +24,15 @@ def test_a_vehicle_fits_or_the_figure_is_named_that_does_not() -> None:
     for other, delay, text in (
         (vehicle, 0.1, "a delay (dead time and link_delay) of 0.102 s: must be from"),
         (slow(vehicle), 0.028, "a lag of rising thrust of 0.2 s: must be from"),
-        (load_vehicle("cf21_markers"), 0.028, "has a damping of"),
+        (load_vehicle("cf21_markers"), 0.028, "has a damping of 0.452"),
     ):
         with pytest.raises(FlatsatError) as refused:
             require_fit(certificate, other, delay, "cf1")
         assert text in str(refused.value)
+    for name in ("cf21_plus", "cf2x_2025", "thrust_kit", "brushless"):
+        with pytest.raises(FlatsatError, match=f"; {name}_adaptive_50hz is packaged for this vehicle$"):
+            require_fit(load_certificate("cf21_adaptive_50hz"), load_vehicle(name), 0.028, "cf1")
+    require_fit(load_certificate("cf21_adaptive_50hz"), vehicle, 0.028, "cf1")
     require_fit(load_certificate("cf21_50hz"), slow(vehicle), 0.1, "cf1")  # the old kinds say nothing of that
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flatsat_ros.certificate.certificate import load_certificate
@@ -114,12 +114,43 @@ def test_who_is_to_sink_and_climbs_gets_less_thrust_if_it_is_seen() -> None:
     guidance = Guidance(CERTIFICATE.limits, 1.0, Policy().box, 4)
     for index in range(4):
         senses.enter(index, Mode.FLY, Mode.DESCEND, np.zeros(9), 0.0, guidance)
-    climb = np.array([0.5, -0.5, 0.5, 5.0])
+    climb = np.array([[0.0, 0.0, speed] for speed in (0.5, -0.5, 0.5, 5.0)])
     plain = senses.descent.thrust(1.0)
     less = plain - senses.sinking_thrust(1.0, climb, np.array([True, True, False, True]))
     assert less[0] > 0.2
     assert less[1:3].tolist() == [0.0, 0.0]
     assert less[0] < less[3] <= 1.0
+
+
+def test_who_went_aside_instead_of_up_sinks_more_slowly_by_what_is_seen_of_that() -> None:
+    senses, guidance = Senses(CERTIFICATE, Policy(), 2), Guidance(CERTIFICATE.limits, 1.0, Policy().box, 2)
+    both, rises = np.ones(2, dtype=bool), np.zeros((2, 9))
+    for index in range(2):
+        senses.enter(index, Mode.IDLE, Mode.UNLOCK, np.zeros(9), 0.0, guidance)
+        senses.enter(index, Mode.UNLOCK, Mode.FLY, np.zeros(9), 0.3, guidance)
+    rises[0, :2] = -0.12, 0.16  # up is there in the poses of the first one
+    senses.look(1.0, rises, both, np.full(2, Mode.FLY.value), guidance)
+    for index in range(2):
+        senses.enter(index, Mode.FLY, Mode.DESCEND, rises[index], 1.0, guidance)
+    plain = senses.descent.thrust(1.5)
+    for speed, more in ((0.5, 0.0), (-0.3, 0.0), (-0.8, 0.5), (-9.0, 0.5)):
+        velocity = np.array([[-0.6 * speed, 0.8 * speed, 0.0]] * 2)
+        found = senses.sinking_thrust(1.5, velocity, both) - plain
+        assert found[1] == 0.0
+        assert (found[0] > more) if more else found[0] == 0.0
+        assert found[0] <= 1.0
+
+
+@given(off=st.floats(-0.19, 0.19), when=st.floats(0.5, 3.0), climb=st.floats(-0.5, 0.5))
+@settings(max_examples=20)
+def test_who_is_beside_its_path_when_its_poses_are_back_goes_on_with_it(off: float, when: float, climb: float) -> None:
+    guidance = Guidance(CERTIFICATE.limits, 1.0, Policy().box, 1, FLIGHT)
+    guidance.go_to(0, [0.0, 0.0, 1.5], 0.0)
+    guidance.start(0, np.array([0.0, 0.0, 0.5, 0.0, 0.0, 0.0]), 0.0)
+    motion = guidance.references.motion(0, when)
+    state = np.array([0.0, off, motion[0, 2], 0.0, 0.0, climb])
+    assert guidance.start(0, state, when, resumed=True) == 0.0
+    assert guidance.references.motion(0, when) == pytest.approx(motion, abs=1e-12)
 
 
 def test_who_sinks_when_its_poses_are_back_comes_to_rest_before_the_floor() -> None:

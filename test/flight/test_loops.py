@@ -164,6 +164,12 @@ def test_wind_ends_the_claim_and_is_named(certificate: Certificate) -> None:
     assert flown.column("assumption")[-1] == Assumption.DISTURBANCE
     assert any("it is disturbed" in report.text for tick in flown.ticks for report in tick.reports)
     assert "it is disturbed" in room.pilot.unclaimed(0)
+    # and again when it is twice as strong, in a landing as well
+    room.pilot.land(0)
+    room.fleet.wind = Wind(mean=(8.0, 0.0, 0.0))
+    told = [report.text for tick in room.fly(7.5).ticks if tick.mode[0] == Mode.FLY for report in tick.reports]
+    disturbances = [float(text.split("disturbed, ")[1].split()[0]) for text in told if "it is disturbed" in text]
+    assert max(disturbances) > 2.0 * disturbances[0]
 
 
 def test_poses_that_stand_still_while_the_drone_is_to_move_end_the_claim(certificate: Certificate) -> None:
