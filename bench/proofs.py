@@ -15,8 +15,7 @@ import psutil
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
-from flatsat_ros.base.strict_yaml import read_yaml
-from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.synthesis.flight_design import read_designs
 
 _READY = b"with certificate"  # what the controller says once it flies
 _START = 120.0  # s
@@ -37,18 +36,16 @@ def proofs() -> Iterator[Proof]:
     Raises:
         FlatsatError: the controller does not start.
     """
-    for path in sorted(config_path("paper_experiment").parent.glob("*.yaml")):
-        if Certificate.from_document(read_yaml(path)).flight is None:
-            continue
+    for certificate, (vehicle, _) in read_designs(config_path("flight", "designs")).items():
         with tempfile.TemporaryDirectory() as cache:
-            first, second = (_started(path.stem, cache) for _ in range(2))
-        yield Proof(path.stem, second, first - second)
+            first, second = (_started(certificate, vehicle, cache) for _ in range(2))
+        yield Proof(certificate, second, first - second)
 
 
-def _started(certificate: str, cache: str) -> float:
+def _started(certificate: str, vehicle: str, cache: str) -> float:
     """Return the processor time until a controller flies, s; proofs are remembered in a folder of their own."""
     command = [sys.executable, "-m", "flatsat_ros.nodes.controller_node", "--ros-args"]
-    command += ["-p", "robot_names:=[cf1]", "-p", f"certificate:={certificate}"]
+    command += ["-p", "robot_names:=[cf1]", "-p", f"certificate:={certificate}", "-p", f"vehicle:={vehicle}"]
     environment = os.environ | {"XDG_CACHE_HOME": cache, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     deadline, said = time.monotonic() + _START, b""
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
