@@ -75,11 +75,11 @@ def sides(vehicle: VehicleProfile, intervals: dict[str, tuple[float, float]]) ->
 
 def upright(vehicle: VehicleProfile, intervals: dict[str, tuple[float, float]]) -> Plants:
     """Return the plants of z; the arguments are those of `sides`, of which only the delay matters."""
-    dynamics = vehicle.dynamics
+    dynamics, known = vehicle.dynamics, vehicle.intervals
     lags = sorted((dynamics.thrust_lag_up, dynamics.thrust_lag_down))
     found = {
         "delay": intervals.get("delay", DELAY),
-        "lag": (lags[0], lags[1]),
+        "lag": (known.thrust_lag if known is not None else None) or (lags[0], lags[1]),
         "gain": _around(dynamics.thrust_gain, _THRUST),
         "drag": _around(dynamics.drag_z, _DRAG),
     }
