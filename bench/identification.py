@@ -20,7 +20,6 @@ from scipy.signal import savgol_coeffs
 sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "support"))
 
 from flown import fly
-from prediction import ahead
 from swap import swap
 
 from flatsat_ros.base.arrays import FloatArray
@@ -33,6 +32,7 @@ from flatsat_ros.identification.disturbances import shared
 from flatsat_ros.identification.fit import excited, fit
 from flatsat_ros.identification.identified import NAMES, Identified, estimate, figures_of, identify, telling
 from flatsat_ros.identification.log import read_log
+from flatsat_ros.identification.prediction import ahead
 from flatsat_ros.identification.recording import read_csv
 from flatsat_ros.identification.residuals import Flight
 from flatsat_ros.identification.response import Figures

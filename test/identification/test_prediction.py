@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from flown import fly
 from numpy.testing import assert_array_equal
 
 from flatsat_ros import load_vehicle
 from flatsat_ros.identification.identified import figures_of
+from flatsat_ros.identification.prediction import ahead
 from flatsat_ros.identification.screening import Samples, screen
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))
-sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
-
-from flown import fly
-from prediction import ahead
 
 DRONE = load_vehicle("cf21_markers")
 FIGURES = dataclasses.replace(figures_of(DRONE), delay=0.02)
