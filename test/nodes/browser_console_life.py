@@ -99,13 +99,15 @@ def test_the_page_shows_what_a_bag_has_and_soon(lab: Lab, tmp_path: Path) -> Non
         console.press("all", "takeoff")
         console.await_modes("FLY", "FLY")
         page.run(
-            "window.lags = []; const draw = console_.draw.bind(console_), show = console_.show.bind(console_);"
-            "console_.show = (picture) => { window.newest = picture; show(picture); };"
-            "console_.draw = () => { draw();"
-            " for (const { pose } of newest.drones) if (pose) lags.push(Date.now() / 1000 - pose.stamp); }"
+            "window.lags = { told: [], drawn: [] };"
+            "const draw = console_.draw.bind(console_), show = console_.show.bind(console_);"
+            "const note = (list) => { for (const { pose } of newest.drones)"
+            " if (pose) list.push(Date.now() / 1000 - pose.stamp); };"
+            "console_.show = (picture) => { window.newest = picture; show(picture); note(lags.told); };"
+            "console_.draw = () => { draw(); note(lags.drawn); }"
         )
-        page.wait(lambda: page.run("return lags.length") > 200, "some pictures")
-        lags = np.array(page.run("return lags"))
+        page.wait(lambda: page.run("return lags.told.length > 200 && lags.drawn.length > 4"), "some pictures")
+        lags = {what: np.array(found) for what, found in page.run("return lags").items()}
         shown = {
             kind: page.run(
                 f"const c = console_.flight.drones[0].channel('{kind}');"
@@ -123,10 +125,13 @@ def test_the_page_shows_what_a_bag_has_and_soon(lab: Lab, tmp_path: Path) -> Non
         found = [row in recorded for row in told[len(told) // 4 :]]
         assert len(found) > 50
         assert all(found), f"{kind}: {found.count(False)} of {len(found)} are not in the bag"
-    median, worst = (float(value) for value in np.quantile(lags, [0.5, 0.99]))
-    note("stamp_to_page_s", {"median": median, "99 %": worst, "samples": len(lags)})
     # told, not asked for: what else the machine does counts
-    print(f"from a pose's stamp to the page: median {median:.3f} s (goal 0.1), 99 % {worst:.3f} s (goal 0.2)")
+    for what, values in lags.items():
+        median, worst = (float(value) for value in np.quantile(values, [0.5, 0.99]))
+        note(f"stamp_to_page_{what}_s", {"median": median, "99 %": worst, "samples": len(values)})
+        print(
+            f"from a pose's stamp to the page, {what}: median {median:.3f} s, 99 % {worst:.3f} s; goals 0.1 and 0.2 s"
+        )
 
 
 def note(name: str, figures: dict[str, Any]) -> None:
