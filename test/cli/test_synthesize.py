@@ -230,7 +230,7 @@ def test_whatever_cannot_be_used_is_refused_in_one_line(
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        (["--vehicle", "cf21_markers"], "cf21_markers lacks 0.83 m/s^2 of thrust, take off with below 29.3 g"),
+        (["--vehicle", "cf21_markers"], "cf21_markers lacks 1.05 m/s^2 of thrust, take off with below 28.7 g"),
         (["--vehicle", "cf21", "--tilt-max-deg", "5"], "give up tilt_max or acceleration"),
     ],
 )
