@@ -199,6 +199,8 @@ def _ideal(certificate: Certificate, slacks: Mapping[str, float]) -> list[Claim]
     """Return the claims about the ideal loop."""
     sets: Figures = {("invariant_set", name): getattr(certificate, name) for name in ("ball", "level")}
     ball, level = ({place: value} for place, value in sets.items())
+    # scaled alike, their last digits may come out otherwise
+    sets = {**ball, **_scaled(level, 1.0 - _DIGITS)}
     decay, robust = _slack(slacks, "A'P + P A"), certificate.robust
     above_floor = 1.0 if robust is None else _slack(slacks, "s <= eps")
     within = 1.0 - (1.0 - _slack(slacks, "the ball")) ** 2  # the slack is that of the radius
