@@ -8,12 +8,11 @@ from __future__ import annotations
 import sys
 
 from geometry_msgs.msg import Twist
-from rclpy.node import Node
 
 from flatsat_ros.nodes.ros import interfaces, messages, runtime
 
 
-class Echo(Node):  # type: ignore[misc]
+class Echo(runtime.ProgramNode):
     """Poses in, a command and a telemetry row per drone out."""
 
     def __init__(self) -> None:

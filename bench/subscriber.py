@@ -5,12 +5,10 @@ from __future__ import annotations
 import sys
 from functools import partial
 
-from rclpy.node import Node
-
 from flatsat_ros.nodes.ros import interfaces, runtime
 
 
-class Subscriber(Node):  # type: ignore[misc]
+class Subscriber(runtime.ProgramNode):
     """Poses, telemetry and batteries, as bytes."""
 
     def __init__(self) -> None:

@@ -240,7 +240,14 @@ def _rounds(
             raise FlatsatError(f"the processes have not found each other within {_DISCOVERY:g} s")
     spin(_SETTLING)
     watcher.send_goals()
-    spin(3.0 * _SETTLING)
+    deadline = time.monotonic() + _DISCOVERY
+    while True:
+        spin(_SETTLING)
+        modes = watcher.taken()[-len(processes.ROBOTS) :, FIELDS.index("mode")]
+        if len(modes) and (modes == Mode.FLY).all():
+            break
+        if time.monotonic() > deadline:
+            raise FlatsatError(f"the drones do not fly within {_DISCOVERY:g} s")
     cost = ConsoleCost([], [], [], [])
     subscriber = {SUBSCRIBER: nodes[SUBSCRIBER].pid}
     command = {CONSOLE: _node("console", "-p", "port:=0")}
