@@ -27,6 +27,7 @@ FLIGHT = 300.0  # s, from one take-off to the next
 HEIGHT = 1.0  # m
 _DISTANCE, _IN_A_ROW = 1.5, 5  # m between drones on the floor, how many of them stand in a row
 _AWAY = (0.3, 0.2, 0.3)  # m, from one goal to the other
+_NEAR = 0.5  # m, from where a take-off ends that began at one of the two places
 _GOAL_EVERY, _SAMPLE_EVERY = 5.0, 1.0  # s
 _CLIMB, _LANDING = 30.0, 60.0  # s, that they may take
 
@@ -119,7 +120,9 @@ class Flight(Live):
         """Take off, fly to and fro, and land at a time, s."""
         self._soak.flights += 1
         self.take_off()
-        self._expect(lambda: not self._not_in(Mode.FLY), _CLIMB, "take off")
+        places = _places(self._soak.drones) + (0.0, 0.0, HEIGHT)
+        # not before they are up: one that still stands waits for poses on the ground
+        self._expect(lambda: not self._not_in(Mode.FLY) and not self.away(places, _NEAR), _CLIMB, "take off")
         while self.now() < until and not self._not_in(*AIRBORNE):
             self._send_goals()
             self._look()
