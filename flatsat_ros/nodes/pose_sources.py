@@ -22,6 +22,7 @@ from flatsat_ros.nodes.ros.parameters import declare_choice
 from flatsat_ros.nodes.ros.runtime import ProgramNode
 
 # of the poses of a drone that come between two ticks, so many are taken in, the newest
+_MOTION_CAPTURE = "_mocap"  # what crazyswarm2's motion_capture.yaml has behind the names of its frames
 _POSES_MAX = 100
 _SILENCE = 1.0  # s without poses after which another source is looked for
 
@@ -83,7 +84,7 @@ class PoseSources:
 
         Args:
             node: that subscribes.
-            robots: names of the drones; on /poses bodies are called so, on /tf frames.
+            robots: names of the drones; on /poses bodies are called so, on /tf frames, with _mocap behind it or not.
             world: the frame_id that poses must have, or none.
             flies: whether a drone, by its number, is in the air: then its source stays.
             wanted: the source.
@@ -207,6 +208,8 @@ class PoseSources:
         """Return the bodies of a message that are drones, with their numbers."""
         for body in _READERS[source](message):
             index = self._numbers.get(body.name)
+            if index is None and source is PoseSource.TF:
+                index = self._numbers.get(body.name.removesuffix(_MOTION_CAPTURE))
             # on /tf frames may stand in others than the world's, which are none of poses
             if index is not None and (source is PoseSource.POSES or body.frame in ("", self._world)):
                 yield index, body

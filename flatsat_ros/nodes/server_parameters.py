@@ -68,25 +68,32 @@ class ServerParameters:
         self._fixed = {_YAW_MODE: list(YawMode).index(drones[0].fleet.yaw_mode), _CONTROLLER: 1}
         for number, robot in enumerate(robots):
             self._declare_robot(number, robot)
-        for who in (interfaces.ALL, *self._drones):
-            for name, (default, bounds) in FIRMWARE.items():
-                value = self._fixed.get(name, default)
+        for name, (default, bounds) in FIRMWARE.items():
+            value = self._fixed.get(name, default)
+            for who in (interfaces.ALL, *self._drones):
                 full = f"{who}{_PREFIX}{name}"
-                self._apply(full, declare(node, full, value, "firmware parameter", bounds=bounds, changeable=True))
+                given = declare(node, full, value, "firmware parameter", bounds=bounds, changeable=True)
+                self._apply(full, given)
+                if who == interfaces.ALL:
+                    value = given  # of each drone, too, unless it has its own
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._hand_on)
 
     def _declare_robot(self, number: int, robot: Robot) -> None:
         """Declare what scripts ask about a robot; the last byte of the URI is the number that they know it by."""
         uri = robot.uri or f"radio://0/80/2M/E7E7E7E7{number + 1:02X}"
+        place = list(self._node.get_parameter("start_positions").value[3 * number : 3 * number + 3])
         known: dict[str, Any] = {
             "enabled": True,
-            "initial_position": list(robot.position),
+            "initial_position": place,
             "type": robot.kind or "default",
             "uri": uri,
         }
         for name, value in known.items():
-            declare(self._node, f"robots.{robot.name}.{name}", value, "as crazyflies.yaml has it")
+            full = f"robots.{robot.name}.{name}"
+            told = declare(self._node, full, value, "as crazyflies.yaml has it")
+            why = f"{value}, where the drone is simulated: give start_positions"
+            require(name != "initial_position" or list(told) == value, full, told, "m", why)
 
     def _check(self, parameters: Sequence[Parameter]) -> Any:
         """Refuse values that the simulated drones cannot fly with, all with the first of them."""

@@ -129,9 +129,10 @@ def seen(frame: str = "world", **bodies: float) -> Any:
         (PoseSource.POSE, "cf1/pose", stamped(1.0)),
         (PoseSource.POSES, "/poses", seen(cf1=1.0, person=9.0)),
         (PoseSource.TF, "/tf", seen(cf1=1.0, person=9.0)),
+        (PoseSource.TF, "/tf", seen(cf1_mocap=1.0, person_mocap=9.0)),
         (PoseSource.ODOM, "cf1/odom", odometry(1.0)),
     ],
-    ids=["pose", "poses", "tf", "odom"],  # bytes are no names: padding in them is random
+    ids=["pose", "poses", "tf", "tf_mocap", "odom"],  # bytes are no names: padding in them is random
 )
 def test_poses_come_from_the_source_that_is_asked_for(
     monkeypatch: pytest.MonkeyPatch, source: PoseSource, topic: str, message: Any

@@ -52,6 +52,23 @@ def masks(node: SimServer) -> list[int]:
     return [int(drone.fleet.firmware.high_level.group_mask[drone.number]) for drone in node.drones]
 
 
+def test_what_is_given_for_all_at_the_start_is_each_drones_unless_it_has_its_own(server: Callable[..., object]) -> None:
+    given = {"all.params.hlCommander.groupmask": 5, "cf5.params.hlCommander.groupmask": 4}
+    with server(**given) as node:  # type: ignore[attr-defined]
+        assert masks(node) == [5, 4]
+        assert value(node, "cf231.params.hlCommander.groupmask") == 5
+
+
+def test_scripts_are_told_where_the_drones_are_simulated(server: Callable[..., object]) -> None:
+    with server(start_positions="[1.0,2.0,0.0,3.0,4.0,0.0]") as node:  # type: ignore[attr-defined]
+        assert list(value(node, "robots.cf5.initial_position")) == [3.0, 4.0, 0.0]  # type: ignore[call-overload]
+    with (
+        pytest.raises(FlatsatError, match=r"robots\.cf5\.initial_position.*: give start_positions"),
+        server(**{"robots.cf5.initial_position": "[9.0,0.0,0.0]"}),  # type: ignore[attr-defined]
+    ):
+        pass
+
+
 def test_a_script_reads_where_its_robots_begin_and_their_uris(server: Callable[..., object]) -> None:
     with server() as node:  # type: ignore[attr-defined]
         assert node.get_name() == "crazyflie_server"
