@@ -24,10 +24,10 @@ from flatsat_ros.flight.stamps import StampClock
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.backends import Backends
-from flatsat_ros.nodes.batteries import follow_batteries
 from flatsat_ros.nodes.commands import Commands
 from flatsat_ros.nodes.controller_setup import declare_setup
 from flatsat_ros.nodes.crazyswarm import HAND_OVER_FORCE, SETTLING_TIME, DroneLink
+from flatsat_ros.nodes.drone_status import DroneStatus
 from flatsat_ros.nodes.flight_report import FlightLog, report_flight
 from flatsat_ros.nodes.flight_services import FlightServices
 from flatsat_ros.nodes.markers import Markers
@@ -83,7 +83,7 @@ class ControllerNode(ProgramNode):
         self._telemetry_publishers: list[Publisher] = []
         for index, robot in enumerate(self.robots):
             self._connect(index, robot)
-        follow_batteries(self, self.robots, self._take_voltage)
+        self._status = DroneStatus(self, self.robots, setup.vehicles, self._take_voltage)
         see = self._pilot.traffic.see
         self._others = OtherRobots(self, others, setup.world, lambda i, place: see(i, place, self._stamps.now))
         actions = {
@@ -158,10 +158,13 @@ class ControllerNode(ProgramNode):
         self._require_steered(index)
         return act(index, *wanted)
 
-    def _take_off(self, index: int) -> None:
+    def _take_off(self, index: int) -> str:
+        """Let a drone take off; return what may keep it on the ground."""
         self._rivals.look(index)
         self._pilot.take_off(index, self._setup.takeoff_height)
         self._rivals.starting.add(index)
+        disarmed = self._status.disarmed(index)
+        return disarmed and f"{self.robots[index]}: {disarmed}"
 
     def _arm(self, index: int, wanted: bool) -> str:
         """Allow or forbid take-off, and arm or disarm the drone itself; return what happens now."""
@@ -304,7 +307,7 @@ class ControllerNode(ProgramNode):
             index, before, after, _ = transition
             robot, link = self.robots[index], self._links[index]
             with self.faults.contain(f"{robot}/transition"):
-                self._log.transition(robot, transition)
+                self._log.transition(robot, transition, self._status.held(index))
                 self._rivals.follow(index, after)
                 if after is Mode.UNLOCK:
                     self._backends.look(index)

@@ -17,6 +17,7 @@ from flatsat_ros.nodes.ros.throttle import Throttle
 
 # modes that no drone enters by anybody's wish
 _TROUBLE = (Mode.LEVEL, Mode.DESCEND, Mode.CUT, Mode.FALLEN)
+_UNWANTED = [event.value for event in (Event.TAKE_OFF_LOST, Event.POSE_LOST_GROUNDED, Event.HELD)]
 
 # the same line is logged again after this time at the earliest, s: about a drone, and about a clock
 _SILENCE, _CLOCK_SILENCE = 1.0, 10.0
@@ -29,16 +30,24 @@ class FlightLog:
         """Begin with nothing logged; the clock shows s and is never set."""
         self._logger, self._throttle = logger, Throttle(clock)
 
-    def transition(self, robot: str, transition: Transition) -> None:
-        """Log a change of a robot's flight mode; an error where it was not wanted."""
+    def transition(self, robot: str, transition: Transition, held: str = "") -> None:
+        """Log a change of a robot's flight mode; an error where it was not wanted.
+
+        Args:
+            robot: its name.
+            transition: the change.
+            held: why it may stay on the ground against the command, if that is known.
+        """
         _, before, after, reason = transition
         times = self._throttle.admit(f"{robot} {before.name} {after.name}", _SILENCE)
         if times is None:
             return
         text = f"{robot}: {before.name} -> {after.name}: {reason}{times}"
-        if reason == Event.HELD_AGAIN.value:
+        if reason in (Event.HELD.value, Event.HELD_AGAIN.value) and held:
+            text += f"; {held}"
+        elif reason == Event.HELD_AGAIN.value:
             text += ". Locked until reboot, not linked, too heavy for its profile?"
-        if after in _TROUBLE or reason in (Event.TAKE_OFF_LOST.value, Event.POSE_LOST_GROUNDED.value):
+        if after in _TROUBLE or reason in _UNWANTED:
             self._logger.error(text)
         else:
             self._logger.info(text)

@@ -177,9 +177,10 @@ def test_after_a_power_cycle_no_drone_takes_off_until_the_server_is_restarted(
 
 def test_a_brushless_drone_stays_until_it_is_armed_then_takes_off(lab: Lab, serve: Callable[..., Server]) -> None:
     server = serve(vehicle="brushless")
-    fly(lab, server, vehicle="brushless", certificate="paper_experiment")
+    controller = fly(lab, server, vehicle="brushless", certificate="paper_experiment", lift_off_time=2.0)
     take_off(lab, server)
-    lab.listen(2.0)
+    lab.wait(lambda: "UNLOCK: told to climb" in controller.output, "the end of the first attempt")
+    assert "unlocked once more; its status says that it is not armed: call cf1/flatsat/arm" in controller.output
     assert not server.drones.fleet.firmware.armed[0]
     assert heights(server.drones)[0] < 0.02
     arm = interfaces.service_of("cf1", interfaces.ARM)

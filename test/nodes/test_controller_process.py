@@ -414,18 +414,29 @@ def test_an_empty_battery_lands_its_drone_and_keeps_it_down(room: Callable[..., 
     assert (other.level, other.values["battery V"]) == (Level.OK, "nan")
 
 
-def test_crazyswarm2s_status_tells_the_battery_where_its_interfaces_are_installed(
-    room: Callable[..., Room], monkeypatch: pytest.MonkeyPatch
+def test_crazyswarm2s_status_tells_of_the_battery_and_of_a_drone_that_is_not_armed(
+    room: Callable[..., Room], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """With a stand-in for its type."""
+    """Where its interfaces are installed; with a stand-in for the type."""
     monkeypatch.setitem(sys.modules, "crazyflie_interfaces", SimpleNamespace())
     monkeypatch.setitem(sys.modules, "crazyflie_interfaces.msg", SimpleNamespace(Status=Twist))
-    lab = room()
+    lab = room("-p", "lift_off_time:=0.5")
     lab.run(0.5)
-    lab.deliver("cf1/status", SimpleNamespace(battery_voltage=3.1, pm_state=0))
+    lab.deliver("cf1/status", SimpleNamespace(battery_voltage=3.1, pm_state=0, supervisor_info=3))
+    lab.deliver("cf2/status", SimpleNamespace(battery_voltage=4.0, pm_state=0, supervisor_info=1))
     answer = lab.ask("all/flatsat/takeoff")
     assert "cf1: takeoff refused: battery = 3.10 V: must be above 3.3 V" in answer.message
-    assert "cf2" not in answer.message
+    told = "its status says that it is not armed: call cf2/flatsat/arm"
+    assert answer.message.endswith(f"cf2: {told}")
+    lab.fleet.firmware.request_emergency(1)  # it does not climb
+    lab.run(4.0)
+    assert lab.modes[1] is Mode.FALLEN
+    lines = transitions(capfd)
+    assert sum(told in line for line in lines) == 2
+    lab.deliver("cf2/status", SimpleNamespace(battery_voltage=4.0, pm_state=0, supervisor_info=3))
+    assert lab.ask("cf2/flatsat/arm", SetBool, data=True).success
+    lab.run(1.0)
+    assert not lab.ask("cf2/flatsat/takeoff").message
 
 
 def test_a_request_that_fails_for_one_drone_is_done_for_the_others(

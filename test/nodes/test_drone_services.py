@@ -46,6 +46,8 @@ def test_a_brushless_drone_flies_only_when_armed_through_the_controller(lab: Lab
     lab.go_to("cf1", (0.0, 0.0, 0.5))
     lab.wait(lambda: "cf1: FLY -> FALLEN: told to climb" in controller.output, "the end of two attempts")
     assert poses[-1].pose.position.z < 0.01
+    help_ = "drones of its kind fly only when they are armed: call cf1/flatsat/arm"
+    assert controller.output.count(help_) == 2, "at both attempts"
     arm = interfaces.service_of("cf1", interfaces.ARM)
     lab.wait(lambda: "/cf1/arm asked to arm" in lab.ask(SetBool, arm, data=True).message, "the arming")
     lab.listen(0.5)

@@ -35,6 +35,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import NANOSECONDS as NANOSECONDS
+from flatsat_ros.crazyflie.link import SupervisorInfo
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.flight.trajectory import Trajectory
@@ -247,6 +248,11 @@ def battery_message(nanoseconds: int, voltage: float) -> BatteryState:
 def voltage_from_message(message: Any) -> float:
     """Return the voltage, V, that sensor_msgs' BatteryState or crazyflie_interfaces' Status tells."""
     return float(message.voltage if isinstance(message, BatteryState) else message.battery_voltage)
+
+
+def armed_from_message(message: Any) -> bool | None:
+    """Return whether crazyflie_interfaces' Status says that the drone is armed; sensor_msgs' BatteryState does not."""
+    return None if isinstance(message, BatteryState) else bool(message.supervisor_info & SupervisorInfo.ARMED)
 
 
 def telemetry_message() -> Float64MultiArray:

@@ -206,8 +206,8 @@ class _Attacked:
         elif code == _STATUS:
             (volts,) = struct.unpack("<f", content[:4].ljust(4, b"\0"))
             with self.room.node.faults.contain("cf1/status"):
-                status = SimpleNamespace(battery_voltage=volts, pm_state=0)
-                self.room.node._take_voltage(0, messages.voltage_from_message(status))
+                status = SimpleNamespace(battery_voltage=volts, pm_state=0, supervisor_info=len(content))
+                self.room.node._status.take(0, status)
         elif code == _BODIES:
             sources = self.room.node._sources
             usual, sources._current[0] = sources._current[0], PoseSource.POSES
