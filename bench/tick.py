@@ -13,12 +13,15 @@ import subprocess
 import sys
 import tarfile
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
 
+ROOT = Path(__file__).resolve().parents[1]
 SIZES = (1, 10, 100)
 PLACES = {"at its set-point": 0.0, "0.5 m away": 0.5}  # m
 _ROUNDS = 7
@@ -34,6 +37,22 @@ class Comparison(NamedTuple):
     theirs: list[float]
 
 
+@contextmanager
+def checked_out(commit: str) -> Iterator[Path]:
+    """Lend a folder with the files of a commit of this tree's history; any name that git knows.
+
+    Raises:
+        RuntimeError: git does not know it.
+    """
+    archive = subprocess.run(["git", "-C", str(ROOT), "archive", commit], capture_output=True, check=False)
+    if archive.returncode != 0:
+        raise RuntimeError(archive.stderr.decode(errors="replace").strip())
+    with tempfile.TemporaryDirectory(prefix="flatsat_ros-bench-") as folder:
+        with tarfile.open(fileobj=io.BytesIO(archive.stdout)) as tar:
+            tar.extractall(folder, filter="data")
+        yield Path(folder)
+
+
 def compare(commit: str) -> dict[str, Comparison]:
     """Time the ticks of this tree and of a commit of its history in turns.
 
@@ -46,16 +65,8 @@ def compare(commit: str) -> dict[str, Comparison]:
     Raises:
         RuntimeError: git does not know the commit, or the two trees command the drones differently.
     """
-    root = Path(__file__).resolve().parents[1]
-    with tempfile.TemporaryDirectory(prefix="flatsat_ros-bench-") as folder:
-        archive = subprocess.run(["git", "-C", str(root), "archive", commit], capture_output=True, check=False)
-        if archive.returncode != 0:
-            raise RuntimeError(archive.stderr.decode(errors="replace").strip())
-        with tarfile.open(fileobj=io.BytesIO(archive.stdout)) as tar:
-            tar.extractall(folder, filter="data")
-        rounds = [
-            {name: _run(Path(tree)) for name, tree in (("ours", root), ("theirs", folder))} for _ in range(_ROUNDS)
-        ]
+    with checked_out(commit) as folder:
+        rounds = [{name: _run(tree) for name, tree in (("ours", ROOT), ("theirs", folder))} for _ in range(_ROUNDS)]
     for case, first in rounds[0]["ours"].items():
         ours, theirs = np.array(first["command"]), np.array(rounds[0]["theirs"][case]["command"])
         if not np.allclose(ours, theirs, rtol=_ROUNDING, atol=_ROUNDING):
