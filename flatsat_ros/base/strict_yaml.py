@@ -24,19 +24,21 @@ YAML_DEPTH = 32  # lists and mappings inside each other
 _TAG = "tag:yaml.org,2002:"
 
 
-def read_yaml(path: str | os.PathLike[str], bytes_max: int = YAML_BYTES) -> Any:
+def read_yaml(path: str | os.PathLike[str], bytes_max: int = YAML_BYTES, *, foreign: bool = False) -> Any:
     """Return the one document of a YAML file as plain mappings, lists, strings, numbers, booleans and None.
 
     Args:
         path: of the file.
         bytes_max: largest size that is read; larger than YAML_BYTES for files that hold tables as text.
+        foreign: it is another program's file, of which not all is read here: a number that is not decimal is text then,
+            which is refused where a number is wanted.
 
     Raises:
         FlatsatError: the file cannot be read, or is not YAML within the limits that stand at the head of this module.
     """
     text = read_text(path, bytes_max)
     try:
-        return yaml.load(text, _Loader)
+        return yaml.load(text, _ForeignLoader if foreign else _Loader)
     except yaml.MarkedYAMLError as error:
         line = "" if error.problem_mark is None else f"line {error.problem_mark.line + 1}: "
         reason = " ".join(part for part in (error.context, error.problem) if part)
@@ -173,6 +175,16 @@ for _name, _pattern, _constructor in (
 ):
     _Loader.add_implicit_resolver(_TAG + _name, re.compile(rf"(?:{_pattern})\Z"), list("-+.0123456789"))
     _Loader.add_constructor(_TAG + _name, _constructor)
+
+
+class _ForeignLoader(_Loader):
+    """The same for files of other programs: takes numbers that are not decimal for text."""
+
+
+_ForeignLoader.yaml_implicit_resolvers = {
+    first: [entry for entry in entries if _Loader.yaml_constructors.get(entry[0]) is not _Loader.refuse_number]
+    for first, entries in _Loader.yaml_implicit_resolvers.items()
+}
 
 
 class _Dumper(yaml.SafeDumper):

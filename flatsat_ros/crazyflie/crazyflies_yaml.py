@@ -18,6 +18,7 @@ from flatsat_ros.base.strict_yaml import read_yaml
 _VERSIONS = (1, 2, 3)
 # what a type's `connection` may be: to a drone, which is the default, or to nothing that flies
 _LINKED, _TRACKED = "crazyflie", "none"
+_ORIGIN = (0.0, 0.0, 0.0)
 
 
 class Robot(NamedTuple):
@@ -48,7 +49,7 @@ def read_crazyflies(path: str | os.PathLike[str], tell: Callable[[str], object] 
             has no URI beside others that have one.
     """
     file = user_path(path)
-    content = read_yaml(file)
+    content = read_yaml(file, foreign=True)
     try:
         document = _document(content)
         if "fileversion" not in document:
@@ -56,7 +57,7 @@ def read_crazyflies(path: str | os.PathLike[str], tell: Callable[[str], object] 
         robots, types = document["robots"], document.get("robot_types")
         known = types if isinstance(types, dict) else {}
         enabled = [robot for name, settings in robots.items() if (robot := _robot(name, settings, known))]
-        tracked = [robot.name for robot in enabled if _connection(robot, known) == _TRACKED]
+        tracked = [robot.name for robot in enabled if _connection(robot.kind, known) == _TRACKED]
         for name in tracked:
             tell(f"{shown(name)} is tracked, not flown: connection: none; name it in other_poses to keep drones away")
         flown = [robot for robot in enabled if robot.name not in tracked]
@@ -104,17 +105,18 @@ def _robot(name: str, settings: Any, types: Mapping[str, Any]) -> Robot | None:
     require(isinstance(enabled, bool), f"{where}.enabled", enabled, "", "true or false")
     if not enabled:
         return None
-    place = f"{where}.initial_position"
-    given = settings.get("initial_position", (0.0, 0.0, 0.0))
-    _require_given(place, given, "[x, y, z], in m")
-    position = finite_array(place, given)
-    require(position.shape == (3,), f"shape of {place}", position.shape, "", "(3,): x, y, z")
-    x, y, z = (require_number(f"an entry of {place}", value, "m") for value in position.tolist())
     kind = str(settings.get("type") or "")
     if kind and types and kind not in types:
         near = difflib.get_close_matches(kind, types, n=1)
         nearest = f"; the nearest is {near[0]}" if near else ""
         raise refusal(f"{where}.type", kind, "", f"one of robot_types{nearest}")
+    place = f"{where}.initial_position"
+    flown = _connection(kind, types) == _LINKED
+    given = settings.get("initial_position", _ORIGIN) if flown else _ORIGIN
+    _require_given(place, given, "[x, y, z], in m")
+    position = finite_array(place, given)
+    require(position.shape == (3,), f"shape of {place}", position.shape, "", "(3,): x, y, z")
+    x, y, z = (require_number(f"an entry of {place}", value, "m") for value in position.tolist())
     return Robot(name, str(settings.get("uri") or ""), (x, y, z), kind)
 
 
@@ -124,12 +126,12 @@ def _require_given(name: str, value: Any, valid: str) -> None:
         raise FlatsatError(f"{name} is empty: must be {valid}, or left out with its name")
 
 
-def _connection(robot: Robot, types: Mapping[str, Any]) -> str:
-    """Return how a robot is connected by its type: to a drone, or not at all."""
-    settings = types.get(robot.kind)
+def _connection(kind: str, types: Mapping[str, Any]) -> str:
+    """Return how robots of a type are connected: to a drone, or not at all."""
+    settings = types.get(kind)
     value = settings.get("connection", _LINKED) if isinstance(settings, dict) else _LINKED
     if value not in (_LINKED, _TRACKED):
-        raise refusal(f"robot_types.{shown(robot.kind)}.connection", value, "", f"{_LINKED} or {_TRACKED}")
+        raise refusal(f"robot_types.{shown(kind)}.connection", value, "", f"{_LINKED} or {_TRACKED}")
     return str(value)
 
 

@@ -119,6 +119,12 @@ class CflibBridge(ProgramNode):
             link.leave()
         self.spin_while(lambda: any(link.alive for link in self.links))
 
+    def destroy_node(self) -> None:
+        """Leave the drones to other bridges, and destroy what belongs to the node."""
+        for claim in self._claims:
+            claim.close()
+        super().destroy_node()  # type: ignore[no-untyped-call]
+
     def _addresses(self, robots: Sequence[Robot]) -> list[Address]:
         # where simulators of the firmware listen, unless the user's file says better; to a file nothing is added
         file = str(self.get_parameter("crazyflies_yaml").value)

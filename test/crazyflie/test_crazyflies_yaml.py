@@ -31,8 +31,9 @@ def test_the_enabled_robots_come_in_the_order_of_the_file(tmp_path: Path) -> Non
         ("fileversion: 3\nrobots: {cf1: {uri: 'udp://a:1'}}", []),
         ("robots: {cf1: {uri: 'udp://a:1'}}", ["has no fileversion: its robots are read as those of version 3"]),
         (
-            "fileversion: 3\nrobots: {cf1: {uri: 'udp://a:1', type: cf21}, me: {type: marker}}\n"
-            "robot_types: {cf21: {big_quad: false}, marker: {connection: none}}",
+            "fileversion: 3\nrobots: {cf1: {uri: 'udp://a:1', type: cf21, id: 0x01}, me: {type: marker, id: 01,\n"
+            "initial_position: [01, here, 1_0]}, cf2: {enabled: false, id: 02, initial_position: , type: 0x1}}\n"
+            "robot_types: {cf21: {big_quad: false}, marker: {connection: none, marker_id: 017}}",
             ["me is tracked, not flown: connection: none; name it in other_poses to keep drones away"],
         ),
     ],
@@ -84,6 +85,8 @@ def test_what_a_file_leaves_open_and_whom_it_does_not_fly_is_told(text: str, tol
         ("robots: {cf1: }", r"robots\.cf1 is empty: must be enabled, uri, initial_position and type"),
         ("robots: {cf1: {initial_position: }}", r"robots\.cf1\.initial_position is empty: must be \[x, y, z\], in m"),
         ("robots: {cf1: {enabled: }}", r"robots\.cf1\.enabled is empty: must be true or false"),
+        ("robots: {cf1: {initial_position: [01, 0, 0]}}", r"initial_position = .*: must be an array of numbers"),
+        ("fileversion: 03\nrobots: {cf1: {}}", "fileversion = '03': must be one of 1, 2, 3"),
         ("robots: {1: {}}", "cannot be read: line 1: .*must be text"),
     ],
 )

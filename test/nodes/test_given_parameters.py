@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
@@ -24,6 +25,7 @@ from flatsat_ros.identification.recording import COLUMNS
 from flatsat_ros.nodes.cflib_bridge import CflibBridge
 from flatsat_ros.nodes.controller_node import ControllerNode
 from flatsat_ros.nodes.mocap_player import MocapPlayer
+from flatsat_ros.nodes.recorder import Recorder
 from flatsat_ros.nodes.ros import messages
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 from flatsat_ros.nodes.sim_drone import SimDrone
@@ -43,7 +45,7 @@ def needed(tmp_path: Path) -> dict[type[ProgramNode], dict[str, object]]:
     """Parameters without which a node does not start."""
     recording = tmp_path / "recording.csv"
     recording.write_text(",".join(COLUMNS) + "\n0,0,0,0,0,0,0,1\n", encoding="utf-8")
-    return {MocapPlayer: {"file": recording}}
+    return {MocapPlayer: {"file": recording}, Recorder: {"output": tmp_path / "bag"}}
 
 
 @pytest.fixture
@@ -71,12 +73,7 @@ NODES = [
     (SimDrone, "robot_name", "robot_names"),
     (MocapPlayer, "Rate", "rate"),
     (MocapPlayer, "robot_names", "robot_name"),
-    pytest.param(
-        CflibBridge,
-        "link_time_out",
-        "link_timeout",
-        marks=pytest.mark.skipif(not find_spec("cflib"), reason="an extra"),
-    ),
+    pytest.param(CflibBridge, "link_time_out", "link_timeout", marks=NEEDS_CFLIB),
 ]
 
 
@@ -170,7 +167,10 @@ def test_a_lab_may_name_everything_as_it_likes(started: Callable[..., Any], tmp_
     assert again.robots == names
 
 
-@pytest.mark.parametrize("make", [ControllerNode, SimDrone, MocapPlayer])
+@pytest.mark.parametrize(
+    "make",
+    [ControllerNode, SimDrone, SimServer, MocapPlayer, Recorder, pytest.param(CflibBridge, marks=NEEDS_CFLIB)],
+)
 def test_what_param_dump_wrote_loads_again(
     make: type[ProgramNode],
     started: Callable[..., Any],
@@ -187,8 +187,11 @@ def test_what_param_dump_wrote_loads_again(
     assert ("null" in written) == (make is ControllerNode), "unset values of its own are the point"
     file = tmp_path / "dump.yaml"
     file.write_text(written, encoding="utf-8")
+    first.finish()
+    shutil.rmtree(tmp_path / "bag", ignore_errors=True)
     again = started(make, ["program", "--ros-args", "--params-file", str(file)])
     assert dumped(again) == written
+    again.finish()
 
 
 def test_null_stands_for_an_unset_value_and_other_words_do_not(
