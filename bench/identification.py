@@ -122,7 +122,11 @@ def predicted(samples: Samples, figures: Figures, at: np.ndarray) -> FloatArray 
     sent = samples.command
     earlier, later = (sent[np.clip(index - whole - back, 0, len(sent) - 1)] for back in (1, 0))
     command = later * (1.0 - share) + earlier * share
-    goal = known.thrust_full * (np.clip(command[:, 2], 0.0, None) / PWM_FULL) ** figures.thrust_slope
+    charge = 1.0
+    if len(samples.voltage):  # means over 1 s, that of each sample from before the prediction in which it is
+        past = samples.voltage[np.clip(index - AHEAD - 50, 0, len(sent) - 1)]
+        charge = (past / figures.voltage) ** figures.thrust_voltage
+    goal = known.thrust_full * charge * (np.clip(command[:, 2], 0.0, None) / PWM_FULL) ** figures.thrust_slope
     yaw = np.nan_to_num(samples.angles[:, 2])
     lag = math.exp(-STEP / figures.thrust_lag)
 
@@ -236,10 +240,12 @@ def simulated(runs: int) -> None:
         draw = np.random.default_rng((run, 14))
         base = load_vehicle(names[run % len(names)])
         gain, weight, slope = draw.uniform(0.7, 1.0), draw.uniform(0.8, 1.2), draw.uniform(0.75, 1.0)
+        charge, full = draw.uniform(0.0, 0.8), draw.uniform(3.6, 4.1)
         delay = round(draw.uniform(0.0, 0.06) / 0.002) * 0.002
         dynamics = dataclasses.replace(base.dynamics, attitude_gain=gain, thrust_gain=1.0)
-        drone = dataclasses.replace(base, dynamics=dynamics, thrust_slope=slope)
-        logs = fly(drone, range(3 * run, 3 * run + 3), seconds=20.0, delay=delay, noise=1e-3, weight=weight)
+        drone = dataclasses.replace(base, dynamics=dynamics, thrust_slope=slope, thrust_voltage=charge)
+        known = {"seconds": 20.0, "delay": delay, "noise": 1e-3, "weight": weight, "voltages": (full, full - 0.25)}
+        logs = fly(drone, range(3 * run, 3 * run + 3), **known)
         wandering = [  # of the clock of the commands, 10 ms from flight to flight
             dataclasses.replace(log, command_time=log.command_time + draw.uniform(-0.005, 0.005)) for log in logs
         ]
@@ -251,7 +257,8 @@ def simulated(runs: int) -> None:
             "drag_xy": base.dynamics.drag_xy,
             "drag_z": base.dynamics.drag_z,
             "velocity_tilt": 0.0,
-            "thrust_available": weight * drone.thrust_max,
+            "thrust_voltage": charge,
+            "thrust_available": weight * drone.thrust_max * drone.voltage_factor(found.common.figures.voltage),
         }
         if base.dynamics.attitude.actuator_lag == 0.0:  # else the attitude is of third order
             attitude = base.dynamics.attitude

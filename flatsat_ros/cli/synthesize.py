@@ -256,6 +256,8 @@ def _limits(arguments: argparse.Namespace, vehicle: VehicleProfile | None) -> tu
     if vehicle is not None and thrust > vehicle.thrust_max:
         most = f"{vehicle.thrust_max:.6g} m/s^2 ({vehicle.thrust_max / GRAVITY:.4g} g)"
         weight = f"with {1e3 * vehicle.mass_for(thrust):.3g} g to take off, not {1e3 * vehicle.mass:.3g} g, it would do"
+        if (voltage := vehicle.voltage_for(thrust)) is not None:
+            weight += f"; so it would at {voltage:.3g} V under load, not {vehicle.voltage:.3g} V"
         raise refusal("thrust_max", thrust, "m/s^2", f"at most {most}, what {vehicle.name} lifts; {weight}")
     return limits, inputs
 

@@ -56,6 +56,8 @@ def write_flight(arguments: argparse.Namespace, output: Path | None) -> None:
         if vehicle.thrust_max <= least + 1e-3:
             lacking = f"{vehicle.name} lacks {least - vehicle.thrust_max:.3g} m/s^2 of thrust"
             way_out = f"{lacking}, take off with below {1e3 * vehicle.mass_for(least):.3g} g"
+            if (voltage := vehicle.voltage_for(least)) is not None:
+                way_out += f" or above {voltage:.3g} V under load, not {vehicle.voltage:.3g} V"
         raise refusal("margin of the reference", margin, "m/s^2", f"above {_DISTURBANCE} m/s^2: {way_out}")
     axes = []
     for name, plants in kinds.items():

@@ -19,6 +19,7 @@ _UNITS = {
     "drag_z": "1/s",
     "thrust_lag": "s",
     "thrust_slope": "",
+    "thrust_voltage": "",
     "thrust_available": "m/s^2",
 }
 
@@ -37,6 +38,7 @@ class Intervals:
         drag_z: likewise, 1/s.
         thrust_lag: first-order lag of the thrust, rising or falling, s.
         thrust_slope: as in `VehicleProfile`, dimensionless.
+        thrust_voltage: likewise.
         thrust_available: mass-normalised thrust at pwm_max, m/s^2.
 
     Raises:
@@ -52,6 +54,7 @@ class Intervals:
     drag_z: Interval | None = None
     thrust_lag: Interval | None = None
     thrust_slope: Interval | None = None
+    thrust_voltage: Interval | None = None
     thrust_available: Interval | None = None
 
     def __post_init__(self) -> None:

@@ -188,6 +188,9 @@ class VehicleProfile:
         battery: voltage limits.
         thrust_slope: s of force = force_max (PWM / 65535)^s, the relative change of the force over that of the command:
             1 is the linear map that the firmware means to have, below it a change of the command does less.
+        thrust_voltage: n of the factor (V / voltage)^n of that force, V the battery's voltage under load: what is left
+            of the battery when the firmware has corrected its commands; 0: the force is the same at any voltage.
+        voltage: V, under load, for which force_max is meant; it counts with thrust_voltage alone.
         intervals: how well the figures are known, of a profile that was identified; None: not known.
     """
 
@@ -199,11 +202,15 @@ class VehicleProfile:
     motors: Motors
     battery: BatteryLimits
     thrust_slope: float = 1.0
+    thrust_voltage: float = 0.0
+    voltage: float = 3.7
     intervals: Intervals | None = None
 
     def __post_init__(self) -> None:
         require_fields(self, require_positive, mass="kg", force_max="N", pwm_max="")
         require_fields(self, partial(require_number, least=0.25, most=4.0), thrust_slope="")
+        require_fields(self, partial(require_number, least=-4.0, most=4.0), thrust_voltage="")
+        require_fields(self, require_positive, voltage="V")
         require(self.pwm_max <= PWM_FULL, "pwm_max", self.pwm_max, "", f"at most {PWM_FULL}")
         heaviest = self.mass * self.thrust_max / GRAVITY
         lifts = f"below {heaviest:.4g} kg, which is all that the motors lift"
@@ -236,6 +243,21 @@ class VehicleProfile:
     def mass_for(self, thrust: float) -> float:
         """Return the take-off mass, kg, with which its motors just make a mass-normalised thrust, m/s^2."""
         return self.mass * self.thrust_max / thrust
+
+    def voltage_for(self, thrust: float) -> float | None:
+        """Return the voltage under load, V, from which its motors make a mass-normalised thrust, m/s^2.
+
+        None: its flights do not tell that more voltage makes more thrust.
+        """
+        known = None if self.intervals is None else self.intervals.thrust_voltage
+        least = self.thrust_voltage if known is None else known[0]
+        if not min(least, self.thrust_voltage) > 0.0:
+            return None
+        return float(self.voltage * (thrust / self.thrust_max) ** (1.0 / self.thrust_voltage))
+
+    def voltage_factor(self, voltage: ArrayLike) -> FloatArray:
+        """Return the force at voltages under load, V, of any shape, over that at `voltage`; 0 V and less make none."""
+        return np.maximum(np.asarray(voltage, dtype=np.float64) / self.voltage, 0.0) ** self.thrust_voltage
 
     @property
     def lag(self) -> float:

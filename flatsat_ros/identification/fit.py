@@ -29,6 +29,7 @@ BOUNDS = {
     "velocity_tilt": (-0.1, 0.1, 0.01),
     "thrust_slope": (0.3, 2.0, 0.1),
     "thrust_lag": (0.01, 0.4, 0.03),
+    "thrust_voltage": (-3.0, 4.0, 0.2),
     "drag_xy": (0.0, 2.0, 0.1),
     "drag_z": (0.0, 3.0, 0.2),
     "delay": (0.0, 0.3, 0.02),
@@ -38,6 +39,7 @@ _ATTITUDE = ("attitude_gain", "natural_frequency", "damping", "velocity_tilt", "
 _THRUST = ("thrust_slope", "thrust_lag")
 _TILTED = math.radians(1.0)  # rad, least standard deviation of commanded tilts
 _THRUSTED = 0.01  # least standard deviation of the commanded thrust over its mean
+_DISCHARGED = 0.005  # least standard deviation of the logarithm of the voltage
 _MOVED = 0.15  # m/s, least standard deviation of a velocity, for drag and tilt with it
 _STARTS: tuple[dict[str, float], ...] = (
     {},
@@ -91,6 +93,8 @@ def excited(flights: Sequence[Flight]) -> tuple[str, ...]:
             names.update(_ATTITUDE[:-2] + ("delay",))
         if samples.command[use, 2].std() > _THRUSTED * samples.command[use, 2].mean():
             names.update(_THRUST)
+        if len(samples.voltage) and np.log(samples.voltage[use]).std() > _DISCHARGED:
+            names.add("thrust_voltage")
         speed = motion.velocity[use].std(axis=0)
         if speed[:2].max() > _MOVED:
             names.add("drag_xy")

@@ -35,13 +35,14 @@ _DEVIATIONS = 2.2  # of the common fit: 95 % for 25 blocks
 _SHARES = {"attitude_gain": 0.1, "natural_frequency": 0.25, "damping": 0.25, "thrust_lag": 0.35}
 _WIDTHS = {
     **{"lag_and_delay": 0.02, "velocity_tilt": 0.02, "thrust_slope": 0.15, "drag_xy": 0.12, "drag_z": 0.12},
-    **{"thrust_available": 0.3},
+    **{"thrust_voltage": 0.2, "thrust_available": 0.3},
 }
 NAMES = (*_SHARES, *_WIDTHS)
 # standard deviation between flights of one drone, likewise, and for how many flights that counts
 _USUAL = {
     **{"attitude_gain": 0.05, "natural_frequency": 0.15, "damping": 0.15, "lag_and_delay": 0.02, "thrust_lag": 0.35},
     **{"velocity_tilt": 0.01, "thrust_slope": 0.15, "drag_xy": 0.04, "drag_z": 0.1, "thrust_available": 0.2},
+    **{"thrust_voltage": 0.2},
 }
 _WEIGHT = 4
 _TRADED = 4.0  # standard deviations of a flight's own natural frequency that it may be off beside, the delay with it
@@ -49,6 +50,7 @@ _TRADED = 4.0  # standard deviations of a flight's own natural frequency that it
 _RESOLVED = {
     **{"attitude_gain": 0.01, "natural_frequency": 0.08, "damping": 0.08, "lag_and_delay": 0.005, "thrust_lag": 0.1},
     **{"velocity_tilt": 0.002, "thrust_slope": 0.02, "drag_xy": 0.03, "drag_z": 0.03, "thrust_available": 0.1},
+    **{"thrust_voltage": 0.05},
 }
 
 
@@ -109,6 +111,9 @@ def identify(
     _require_different(samples)
     flights = [Flight.of(each) for each in samples]
     free, begin = excited(flights), figures_of(base)
+    logged = [each.voltage[each.usable] for each in samples if len(each.voltage)]
+    if "thrust_voltage" in free:
+        begin = dataclasses.replace(begin, voltage=float(np.mean(np.concatenate(logged))))
     common = fit(flights, begin, free, advance=lambda: advance("fitting all flights"))
     told = [name for name in free if name not in NAMES or _is_sharp(name, common, base.pwm_max)]
     if len(told) < len(free):  # what the flights do not tell must not bend the rest
@@ -164,6 +169,8 @@ def profile_of(identified: Identified, base: VehicleProfile, name: str) -> Vehic
             name=name,
             force_max=base.mass * full,
             thrust_slope=slope,
+            thrust_voltage=value.get("thrust_voltage", base.thrust_voltage),
+            voltage=identified.common.figures.voltage,
             dynamics=dynamics,
             intervals=Intervals(**intervals),
         )
@@ -184,6 +191,8 @@ def figures_of(base: VehicleProfile) -> Figures:
         drag_xy=dynamics.drag_xy,
         drag_z=dynamics.drag_z,
         delay=dynamics.dead_time,
+        thrust_voltage=base.thrust_voltage,
+        voltage=base.voltage,
     )
 
 

@@ -29,6 +29,7 @@ _WORDS = {
     "thrust_lag": ("thrust lag", 1e3, "ms"),
     "velocity_tilt": ("tilt into the motion", 1.0, "rad s/m"),
     "thrust_slope": ("thrust slope", 1.0, ""),
+    "thrust_voltage": ("thrust over voltage", 1.0, ""),
     "drag_xy": ("horizontal drag", 1.0, "1/s"),
     "drag_z": ("vertical drag", 1.0, "1/s"),
     "thrust_available": ("thrust at pwm_max", 1.0 / GRAVITY, "g"),

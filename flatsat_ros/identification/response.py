@@ -1,7 +1,7 @@
 """What a drone with given figures would have done in a flight: attitude, thrust and acceleration from its commands.
 
     theta'' = wn^2 (g c(t - d) + k v - theta) - 2 zeta wn theta'        attitude, each of roll and pitch
-    T' = (T_full (PWM(t - d) / 65535)^s - T) / tau_T                    thrust over mass
+    T' = (T_full (PWM(t - d) / 65535)^s (V / V0)^n - T) / tau_T         thrust over mass
     p'' = T R(theta, psi) e3 - g e3 - D p'
 
 The attitude is simulated from the commands alone, from the beginning of the log on. The measured velocity enters the
@@ -36,6 +36,8 @@ class Figures:
         drag_xy: 1/s.
         drag_z: 1/s.
         delay: d, s: on board, on the way, and between the clocks of the log.
+        thrust_voltage: n, for the battery's voltage V, where it was logged.
+        voltage: V0, V.
     """
 
     attitude_gain: float
@@ -47,6 +49,8 @@ class Figures:
     drag_xy: float
     drag_z: float
     delay: float
+    thrust_voltage: float = 0.0
+    voltage: float = 3.7
 
     @property
     def lag_and_delay(self) -> float:
@@ -85,7 +89,10 @@ def respond(motion: Motion, figures: Figures) -> tuple[FloatArray, FloatArray]:
     goal = figures.attitude_gain * command[:, :2] + figures.velocity_tilt * motion.lean
     numerator, denominator = _second_order(figures.natural_frequency, figures.damping)
     tilt = lfilter(numerator, denominator, goal, axis=0)
-    return np.asarray(tilt), lagging(command[:, 2] / PWM_FULL, figures)
+    thrust = lagging(command[:, 2] / PWM_FULL, figures)
+    if len(motion.samples.voltage):  # it changes slowly: the lag of the thrust is nothing to it
+        thrust = thrust * (motion.samples.voltage / figures.voltage) ** figures.thrust_voltage
+    return np.asarray(tilt), thrust
 
 
 def lift(motion: Motion, tilt: FloatArray, thrust: FloatArray) -> FloatArray:
@@ -97,7 +104,7 @@ def lift(motion: Motion, tilt: FloatArray, thrust: FloatArray) -> FloatArray:
 
 
 def lagging(command: FloatArray, figures: Figures) -> FloatArray:
-    """Return T / T_full (M,) for thrust commands (M,) over PWM_FULL."""
+    """Return T / T_full at V0 (M,) for thrust commands (M,) over PWM_FULL."""
     relative = np.clip(command, 0.0, None) ** figures.thrust_slope
     keep = math.exp(-STEP / figures.thrust_lag)
     start = [relative[0]]  # as if the first command had held for long

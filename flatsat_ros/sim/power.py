@@ -42,7 +42,8 @@ class PowerTrain:
 
     The firmware makes the force linear in PWM: it inverts the motor's force curve, divides by the (low-passed) battery
     voltage and rounds down to the resolution of the motor command (motors.c, motorsCompensateBatteryVoltage and
-    motorsConv16ToBits). So the force falls with the battery only where the motor command would have to exceed 1.
+    motorsConv16ToBits). So the force falls with the battery only where the motor command would have to exceed 1, and by
+    what the profile says with `thrust_voltage` is left of the battery nevertheless.
 
     Attributes:
         voltage: (N,) battery voltage under load, V.
@@ -76,6 +77,8 @@ class PowerTrain:
         """
         self._supply += _SUPPLY_FILTER * (self.voltage - self._supply)
         force = np.where(running, self._force(pwm), 0.0)
+        if self._profile.thrust_voltage != 0.0:
+            force *= self._profile.voltage_factor(self.voltage)
         self.ratio = np.where(running, self.ratio, 0.0)
         load = force / self._profile.force_max
         self._open -= self._battery.drain * load * STEP
@@ -112,7 +115,7 @@ class PowerTrain:
 
 
 class IdealPowerTrain(PowerTrain):
-    """Force exactly as the profile maps PWM to it, whatever the battery."""
+    """Force exactly as the profile maps PWM and voltage to it."""
 
     def _force(self, pwm: FloatArray) -> FloatArray:
         """Return the force of a running drone, N, and keep the motor command."""

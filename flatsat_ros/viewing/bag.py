@@ -70,7 +70,8 @@ def read_flight(path: Path, progress: Callable[[Iterable[Any], int], Iterable[An
     """
     collected = _Collected()
     with opened(path) as reader:
-        shown = [connection for connection in reader.connections if _reader_of(connection) is not None]
+        shown = [each for each in reader.connections if each.msgtype in reader.typestore.fielddefs]
+        shown = [each for each in shown if _reader_of(each) is not None]
         count = sum(connection.msgcount for connection in shown)
         if count > MESSAGES:
             raise located(path, f"it has {count} messages that can be shown, at most {MESSAGES} are read")
@@ -195,6 +196,7 @@ READERS: Mapping[str, Callable[[Any], list[Sample]]] = {
     "geometry_msgs/msg/Twist": lambda m: [("command", "", (m.linear.y, m.linear.x, m.angular.z, m.linear.z))],
     "std_msgs/msg/Float64MultiArray": _telemetry,
     "sensor_msgs/msg/BatteryState": lambda m: [("battery", "", (m.voltage,))],
+    "crazyflie_interfaces/msg/Status": lambda m: [("battery", "", (m.battery_voltage,))],
     "rcl_interfaces/msg/Log": lambda m: [("log", str(m.name), (m.level, m.msg))],
     "std_msgs/msg/String": lambda m: [("setup", "", (m.data,))],
 }

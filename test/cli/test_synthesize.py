@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from flatsat_ros.base.strict_yaml import write_yaml
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.cli.synthesize import main
-from flatsat_ros.crazyflie.vehicle import load_vehicle
+from flatsat_ros.crazyflie.vehicle import load_vehicle, profile_document
 
 pytestmark = pytest.mark.in_process
 
@@ -225,6 +227,18 @@ def test_whatever_cannot_be_used_is_refused_in_one_line(
     assert text in err
     assert [file.name for file in tmp_path.iterdir()] == ["taken.yaml"]
     assert Path("taken.yaml").read_text(encoding="utf-8") == "precious"
+
+
+def test_the_voltage_that_suffices_is_named_where_flights_tell_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drone = replace(load_vehicle("cf21"), thrust_voltage=0.5, voltage=3.5)
+    write_yaml(path := tmp_path / "charged.yaml", profile_document(drone), "")
+    assert main(["--vehicle", str(path), "--thrust-max-g", "1.6"]) == 2
+    assert "g, it would do; so it would at 3.75 V under load, not 3.5 V" in capsys.readouterr().err
+    write_yaml(path := tmp_path / "heavy.yaml", profile_document(replace(drone, name="heavy", mass=0.041)), "")
+    assert main(["--vehicle", str(path), "--flight"]) == 2
+    assert "take off with below 40.1 g or above 3.66 V under load, not 3.5 V" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -101,6 +101,21 @@ def test_with_the_mass_for_a_thrust_that_is_the_most_it_makes(name: str, thrust:
     assert replace(drone, mass=drone.mass_for(thrust)).thrust_max == pytest.approx(thrust, rel=1e-12)
 
 
+@given(st.floats(0.1, 2.0), st.floats(GRAVITY + 0.1, 40.0))
+def test_at_the_voltage_for_a_thrust_the_motors_make_it(exponent: float, thrust: float) -> None:
+    drone = replace(profile(), thrust_voltage=exponent, voltage=3.5)
+    voltage = drone.voltage_for(thrust)
+    assert voltage is not None
+    assert drone.thrust_max * drone.voltage_factor(voltage) == pytest.approx(thrust, rel=1e-12)
+    assert drone.voltage_factor(0.0) == 0.0
+
+
+@pytest.mark.parametrize(("exponent", "interval"), [(0.0, None), (-0.2, None), (0.3, (-0.1, 0.7))])
+def test_no_voltage_is_named_that_flights_do_not_tell(exponent: float, interval: tuple[float, float] | None) -> None:
+    known = Intervals(thrust_voltage=interval)
+    assert replace(profile(), thrust_voltage=exponent, intervals=known).voltage_for(14.0) is None
+
+
 @pytest.mark.parametrize("name", sorted(set(NAMES) - {"cf21_markers", "cf21_markers_light"}))
 def test_the_general_thrust_map_tends_to_the_linear_one(name: str) -> None:
     linear, nearly = profile(name), replace(profile(name), thrust_slope=1.0 + 1e-12)
@@ -171,6 +186,8 @@ def test_lag_is_the_slowest_of_attitude_and_thrust(name: str) -> None:
         ({"dynamics.drag_z": -1.0}, "drag_z"),
         ({"dynamics.velocity_tilt": 1.1}, "velocity_tilt = 1.1 rad s/m: must be a number from -1 to 1"),
         ({"thrust_slope": 0.2}, "thrust_slope = 0.2: must be a number from 0.25 to 4"),
+        ({"thrust_voltage": 4.1}, "thrust_voltage = 4.1: must be a number from -4 to 4"),
+        ({"voltage": 0.0}, "voltage = 0.0 V: must be a number above 0"),
         ({"thrust_slope": "steep"}, "thrust_slope = 'steep': must be a number"),
         ({"intervals": None}, "intervals = None: must be a mapping"),
         ({"intervals": {"colour": [0.0, 1.0]}}, "colour"),

@@ -15,8 +15,9 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle, profile_document
 from flatsat_ros.identification.disturbances import disturbances
 from flatsat_ros.identification.fit import BOUNDS, excited, fit
-from flatsat_ros.identification.identified import Identified, identify, profile_of
+from flatsat_ros.identification.identified import Identified, figures_of, identify, profile_of
 from flatsat_ros.identification.log import FlightLog
+from flatsat_ros.identification.report import lines
 from flatsat_ros.identification.residuals import REACH, Flight, misfit, twice_integrated
 from flatsat_ros.identification.response import Figures
 from flatsat_ros.identification.screening import STEP, screen
@@ -43,7 +44,7 @@ def truth(profile: VehicleProfile) -> dict[str, float]:
 
 def test_what_the_logs_tell_is_true(found: Identified, weak: VehicleProfile) -> None:
     expected = truth(weak)
-    assert found.figures.keys() == expected.keys()
+    assert found.figures.keys() == expected.keys() | {"thrust_voltage"}
     for name, value in expected.items():
         figure = found.figures[name]
         if figure.interval is not None:
@@ -85,6 +86,30 @@ def test_a_hover_tells_the_thrust_and_leaves_the_rest(weak: VehicleProfile) -> N
     assert profile.dynamics == CF21.dynamics
 
 
+def test_flights_with_a_battery_that_empties_tell_thrust_over_voltage(weak: VehicleProfile) -> None:
+    exponent = 0.8
+    drone = replace(weak, thrust_voltage=exponent, voltage=3.9)
+    logs = fly(drone, range(2), seconds=8.0, noise=1e-4, weight=0.9, voltages=(3.8, 3.5))
+    found = identify([screen(log) for log in logs], CF21)
+    figure, profile = found.figures["thrust_voltage"], profile_of(found, CF21, "mine")
+    assert figure.flights == 2
+    assert figure.interval is not None
+    assert figure.interval[0] <= exponent <= figure.interval[1]
+    assert figure.value == pytest.approx(exponent, abs=0.05)
+    assert profile.thrust_voltage == figure.value
+    assert profile.voltage == pytest.approx(3.64, abs=0.01)  # the mean, for which the force is meant
+    expected = 0.9 * drone.thrust_max * (profile.voltage / 3.9) ** exponent
+    assert profile.thrust_max == pytest.approx(expected, rel=0.02)
+
+
+def test_without_a_voltage_in_the_logs_thrust_over_voltage_stays_the_bases(found: Identified) -> None:
+    base = replace(CF21, thrust_voltage=0.3, voltage=3.8)
+    assert "thrust_voltage" in found.unknown
+    profile = profile_of(replace(found, common=replace(found.common, figures=figures_of(base))), base, "mine")
+    assert (profile.thrust_voltage, profile.voltage) == (0.3, 3.8)
+    assert any("thrust over voltage" in line and "not told" in line for line in lines(found, CF21))
+
+
 def test_a_drone_that_does_not_lift_itself_makes_no_profile(found: Identified) -> None:
     figure = replace(found.figures["thrust_available"], value=0.99 * GRAVITY)
     tired = replace(found, figures={**found.figures, "thrust_available": figure})
@@ -101,7 +126,7 @@ def test_one_flight_is_fitted_from_far_away_and_the_residuals_are_noise(logs: li
     flight = Flight.of(screen(logs[0]))
     far = Figures(1.2, 40.0, 2.5, 0.0, 1.4, 0.3, 1.0, 1.0, 0.1)
     result = fit([flight], far, excited([flight]), starts=2)
-    assert excited([flight]) == tuple(BOUNDS)
+    assert excited([flight]) == tuple(name for name in BOUNDS if name != "thrust_voltage")
     assert result.figures.attitude_gain == pytest.approx(0.8, rel=0.03)
     assert result.figures.lag_and_delay == pytest.approx(2.0 * 0.753 / 22.04 + 0.03, rel=0.03)
     assert result.misfits[0].attitude.std() == pytest.approx(3e-3, rel=0.15)  # noise of the angles

@@ -168,6 +168,23 @@ def test_a_bent_thrust_map_gives_the_force_that_the_profile_promises(dynamics: s
     assert abs(np.polyfit(np.log(pwm), np.log(forces), 1)[0] - 0.75) < 0.03
 
 
+@pytest.mark.parametrize("dynamics", ["identified", "ideal"])
+def test_the_force_goes_with_the_voltage_under_load_as_the_profile_says(dynamics: str) -> None:
+    drone, battery = (
+        dataclasses.replace(CF21, thrust_voltage=0.5, voltage=3.6),
+        Battery(voltage=4.2, sag=0.3, drain=2.0),
+    )
+    pwm = np.full(1, 40000.0)
+    fleets = [SimulatedFleet(each, 1, dynamics=dynamics, battery=battery) for each in (drone, CF21)]
+    for _ in range(100):  # the battery empties by 0.2 V
+        before = fleets[0].power.voltage.copy()
+        force, same = (fleet.power.step(pwm, np.full(1, True)) for fleet in fleets)
+        if dynamics == "ideal":  # else the steps of the motor command differ a little
+            assert force == pytest.approx(same * (before / 3.6) ** 0.5, rel=1e-12)
+    assert force == pytest.approx(same * (before / 3.6) ** 0.5, rel=0.02)
+    assert 3.6 < before[0] < 4.0
+
+
 def test_idling_motors_never_pull_downward() -> None:
     brushless = VehicleProfile.load(VEHICLES / "brushless.yaml")
     fleet = SimulatedFleet(brushless, 1, battery=Battery(voltage=3.0))  # where the force curve's fit is below 0

@@ -26,6 +26,7 @@ def fly(
     frame: tuple[float, float] = (0.0, 0.0),
     amplitude: float = 0.4,
     weight: float = 1.0,
+    voltages: tuple[float, float] | None = None,
 ) -> list[FlightLog]:
     """Return the logs of flights, one for each seed: a figure of sines around (0, 0, 1) at 0.1 to 0.7 Hz.
 
@@ -38,6 +39,8 @@ def fly(
         frame: roll and pitch of the markers on a level drone, rad.
         amplitude: of the motion, m.
         weight: actual force over the force of the profile.
+        voltages: of the battery under load at the beginning and at the end, V, logged to 10 mV; None: it is that of
+            the profile throughout, and not logged.
     """
     count, steps = len(seeds), round(seconds / STEP)
     body = Bodies(
@@ -63,7 +66,10 @@ def fly(
         if step * STEP % PERIOD < 1e-9 or PERIOD - step * STEP % PERIOD < 1e-9:
             poses.append(np.concatenate([body.position, body.angles], axis=1))
             asked.append(commands[-1])
-        thrust = weight * full * (late[:, 2] / 65535.0) ** profile.thrust_slope
+        charge = 1.0
+        if voltages is not None:
+            charge = float(profile.voltage_factor(voltages[0] + (voltages[1] - voltages[0]) * step / steps))
+        thrust = weight * full * charge * (late[:, 2] / 65535.0) ** profile.thrust_slope
         body.step(thrust, np.stack([late[:, 0], late[:, 1], np.zeros(count)]), np.zeros(3))
     seen, sent = np.stack(poses, axis=1), np.stack(asked, axis=1)
     logs = []
@@ -71,7 +77,9 @@ def fly(
         time = np.arange(len(seen[k])) * PERIOD
         position = seen[k, :, :3] + noise * generator.standard_normal((len(time), 3))
         angles = seen[k, :, 3:] + (*frame, 0.0) + 10.0 * noise * generator.standard_normal((len(time), 3))
-        logs.append(FlightLog(f"flight {seeds[k]}", time, position, angles, time, sent[k], np.empty(0), np.empty(0)))
+        told = np.empty(0) if voltages is None else np.round(np.linspace(*voltages, len(time)), 2)
+        read = time[: len(told)]
+        logs.append(FlightLog(f"flight {seeds[k]}", time, position, angles, time, sent[k], read, told))
     return logs
 
 
@@ -88,6 +96,8 @@ def write(log: FlightLog, path: Path) -> Path:
         "controller.pitch": -degrees * log.command[:, 1],
         "controller.cmd_thrust": log.command[:, 2],
     }
+    if len(log.voltage):
+        columns["pm.vbat"] = log.voltage
     rows = zip(*columns.values(), strict=True)
     lines = [",".join(columns), *(",".join(f"{value:.9g}" for value in row) for row in rows)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -22,6 +22,15 @@ STORE.register(
     get_types_from_msg("string name\ngeometry_msgs/Pose pose\n", NAMED.replace("Array", ""))
     | get_types_from_msg(f"std_msgs/Header header\n{NAMED.replace('Array', '').replace('/msg', '')}[] poses\n", NAMED)
 )
+STATUS = "crazyflie_interfaces/msg/Status"
+STORE.register(
+    get_types_from_msg(
+        "std_msgs/Header header\nuint16 supervisor_info\nfloat32 battery_voltage\nuint8 pm_state\nuint8 rssi\n"
+        "uint32 num_rx_broadcast\nuint32 num_tx_broadcast\nuint32 num_rx_unicast\nuint32 num_tx_unicast\n"
+        "uint16 latency_unicast\n",
+        STATUS,
+    )
+)
 T = STORE.types
 
 
@@ -102,6 +111,17 @@ def test_a_flight_of_ours_is_read_as_it_was_recorded(tmp_path: Path, plugin: Sto
         ("cf1", "controller: cf1: land refused: the drone is in IDLE"),
     ]
     assert flight.notes == ["cf2: no telemetry of this controller was recorded."]
+
+
+def test_the_battery_is_read_from_either_topic(tmp_path: Path) -> None:
+    state, unknown = T["sensor_msgs/msg/BatteryState"], np.empty(0, dtype=np.float32)
+    own = state(stamp(), 3.9, *[0.0] * 6, 0, 0, 0, True, unknown, unknown, "", "")
+    status = T[STATUS](stamp(), 0, 3.7, 0, 50, 1, 2, 3, 4, 5)
+    flight = read_flight(
+        write(tmp_path / "bag", [("/a/battery", own), ("/b/status", status), ("/b/pose", stamped(1.0))])
+    )
+    found = {track.name: track.channels["battery"].column("voltage").tolist() for track in flight.tracks}
+    assert found == {"a": [pytest.approx(3.9)], "b": [pytest.approx(3.7)]}
 
 
 def test_poses_of_others_come_in_many_forms(tmp_path: Path) -> None:
