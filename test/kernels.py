@@ -1,8 +1,8 @@
 """`make test-kernels`: law, certificates and synthesis as other processors and other versions of Python compute them.
 
 OpenBLAS chooses its kernel by the processor; OPENBLAS_CORETYPE makes it choose another, as far as this processor can
-execute it. Under each, the tests are run and certificates in config/ computed again, of the whole loops those of DESIGNS:
-every kernel must write the same files, but for the line that names the solver.
+execute it. Under each, the tests are run and certificates in config/ computed again, those of DESIGNS of the whole
+loops: every kernel must write the same files, but for the line that names the solver.
 """
 
 from __future__ import annotations

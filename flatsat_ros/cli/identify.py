@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING
 from flatsat_ros.cli import shell
 
 if TYPE_CHECKING:
-    from flatsat_ros.base.arrays import FloatArray
     from flatsat_ros.crazyflie.vehicle import VehicleProfile
     from flatsat_ros.identification.columns import ColumnMap
     from flatsat_ros.identification.identified import Identified
-    from flatsat_ros.identification.log import FlightLog
+    from flatsat_ros.identification.log import FlightLog, Flown
     from flatsat_ros.viewing.flight import Channel
 
 _BASE = "cf21"
@@ -183,20 +182,26 @@ def bag_log(path: Path, drone: str | None, backend: str) -> FlightLog:
             command=sent * scale,
             voltage_time=np.empty(0) if battery is None else battery.times,
             voltage=np.empty(0) if battery is None else battery.column("voltage"),
-            errors=np.empty((0, 3)) if ticks is None else _errors(ticks),
+            flown=None if ticks is None else _flown(ticks),
         )
     except FlatsatError as error:
         raise located(path, error) from error
 
 
-def _errors(ticks: Channel) -> FloatArray:
-    """Return the position errors (T, 3), m, of the ticks in FLY that have one."""
+def _flown(ticks: Channel) -> Flown:
+    """Return what our controller claimed in the ticks in FLY that have an error."""
     import numpy as np
 
+    from flatsat_ros.flight.assumptions import Assumption
     from flatsat_ros.flight.modes import Mode
+    from flatsat_ros.identification.log import Flown
 
-    errors = np.stack([ticks.column(f"error_{axis}") for axis in "xyz"], axis=-1)
-    return np.asarray(errors[(ticks.column("mode") == Mode.FLY) & np.isfinite(errors).all(axis=1)])
+    error = np.stack([ticks.column(f"error_{axis}") for axis in "xyz"], axis=-1)
+    flying = (ticks.column("mode") == Mode.FLY) & np.isfinite(error).all(axis=1)
+    tube = np.stack([ticks.column("tube"), ticks.column("tube_z")], axis=-1)
+    # outside the tube although all was as assumed for long is a claim, too, one that was broken
+    claimed = np.isin(ticks.column("assumption"), (Assumption.NONE, Assumption.TUBE))
+    return Flown(error[flying], tube[flying], claimed[flying])
 
 
 if __name__ == "__main__":

@@ -7,9 +7,11 @@ its rate.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.stats import chi
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
@@ -50,6 +52,22 @@ def disturbances(
         steps, change = (values[_APART:] - values[:-_APART] for values in (flight.position_at, pushed))
         changes.append(change[steps == _APART * EVERY] / (_APART * EVERY * STEP))
     return np.concatenate(left), np.concatenate(changes)
+
+
+def blur(noise: float, share: float) -> tuple[float, float]:
+    """Return up to which sizes noise of the positions alone makes disturbances and their changes appear.
+
+    Args:
+        noise: standard deviation of a measured coordinate, m.
+        share: of the samples, below 1.
+
+    Returns:
+        Of the vectors of disturbances, m/s^2, and of their changes, m/s^3.
+    """
+    pushed = math.sqrt(6.0) * noise / (REACH * STEP) ** 2  # of p(t + H) - 2 p(t) + p(t - H), per axis
+    change = math.sqrt(2.0) * pushed / (_APART * EVERY * STEP)
+    wide = float(chi.ppf(share, 3))
+    return pushed * wide, change * wide
 
 
 def shared(vectors: FloatArray) -> FloatArray:

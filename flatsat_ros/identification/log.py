@@ -8,10 +8,11 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError, refusal, require
@@ -20,6 +21,21 @@ from flatsat_ros.identification.columns import ColumnMap, recognise
 
 LOG_BYTES = 256 * 1024 * 1024  # an hour at 100 Hz with 60 columns
 ROWS = 500_000
+
+
+@dataclass(frozen=True, eq=False)
+class Flown:
+    """What our controller claimed and how it went, tick by tick.
+
+    Attributes:
+        error: (T, 3) m, position less reference.
+        tube: (T, 2) m, the largest error that the certificate flown allows, horizontally and vertically; NaN for none.
+        claimed: (T,) whether all was as the certificate assumes, so that the error must be in the tube.
+    """
+
+    error: FloatArray
+    tube: FloatArray
+    claimed: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +53,7 @@ class FlightLog:
         voltage_time: (B,) of the battery readings; there may be none.
         voltage: (B,) V.
         damaged: number of lines of the file that are no rows of numbers.
-        errors: (T, 3) m, distance from the reference in the ticks in which our controller flew by its law; there may be
-            none.
+        flown: of the ticks in which our controller flew by its law; None for a flight of another.
 
     Raises:
         FlatsatError: shapes differ, or a channel of poses or commands is empty.
@@ -53,7 +68,7 @@ class FlightLog:
     voltage_time: FloatArray
     voltage: FloatArray
     damaged: int = 0
-    errors: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    flown: Flown | None = None
 
     def __post_init__(self) -> None:
         poses, commands = len(self.pose_time), len(self.command_time)

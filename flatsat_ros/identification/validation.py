@@ -7,6 +7,7 @@ they show; nothing is proved.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,14 +20,15 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight import Axis
 from flatsat_ros.crazyflie.intervals import Interval, Intervals
 from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile
-from flatsat_ros.identification.disturbances import BANDWIDTH, disturbances, shared
+from flatsat_ros.identification.disturbances import BANDWIDTH, blur, disturbances, shared
 from flatsat_ros.identification.identified import NAMES, Identified
-from flatsat_ros.identification.log import FlightLog
+from flatsat_ros.identification.log import FlightLog, Flown
 
 SUPPORTS, CONTRADICTS, SILENT = "supports", "contradicts", "silent"
 COVERED = 0.999  # share of the samples that must keep a bound
 _GAIN = 0.05  # from a gain of 1, up to which flights support it where a certificate knows no other
 _ROUNDING = 1e-3  # s, of stamps
+_THIRD = 8.0 / math.sqrt(20.0)  # third differences of noise up to 1, over sqrt(20), are up to that
 
 
 @dataclass(frozen=True)
@@ -73,13 +75,14 @@ def _ideal(certificate: Certificate, identified: Identified, logs: Sequence[Flig
     yield _interval("attitude gain", identified, "attitude_gain", (1.0 - _GAIN, 1.0 + _GAIN), "")
     if certificate.robust is not None:
         pushed, _ = disturbances(identified.flights, identified.common, np.zeros(3))
+        unsure, _ = _blurred(identified)
         for name, sizes, most in zip(
             ("push of x and y", "push of z"),
             (np.hypot(pushed[:, 0], pushed[:, 1]), np.abs(pushed[:, 2])),
             certificate.robust.push,
             strict=True,
         ):
-            yield _share(f"{name} up to {BANDWIDTH:.2g} Hz", sizes, float(most), "m/s^2")
+            yield _share(f"{name} up to {BANDWIDTH:.2g} Hz", sizes, float(most), "m/s^2", unsure)
     yield _poses(certificate.period, certificate.period, logs)
 
 
@@ -107,14 +110,36 @@ def _flying(
         yield _interval("thrust scale", identified, "thrust_available", gain, "m/s^2")
     pushed, change = disturbances(identified.flights, identified.common, _slowing(flight.axes, identified), known)
     pushed = pushed / (identified.common.figures.attitude_gain, identified.common.figures.attitude_gain, 1.0)
-    yield _share(f"disturbance up to {BANDWIDTH:.2g} Hz", np.linalg.norm(pushed, axis=1), flight.disturbance, "m/s^2")
-    yield _share(f"its rate up to {BANDWIDTH:.2g} Hz", shared(change), flight.assumptions.disturbance_rate, "m/s^3")
-    yield _share("pose noise", 1e3 * shared(identified.noise), 1e3 * flight.assumptions.noise, "mm")
+    more, faster = _blurred(identified)
+    sizes, rate, noise = np.linalg.norm(pushed, axis=1), flight.assumptions.disturbance_rate, flight.assumptions.noise
+    yield _share(f"disturbance up to {BANDWIDTH:.2g} Hz", sizes, flight.disturbance, "m/s^2", more)
+    yield _share(f"its rate up to {BANDWIDTH:.2g} Hz", shared(change), rate, "m/s^3", faster)
+    yield _share("pose noise", 1e3 * shared(identified.noise), 1e3 * noise, "mm", 1e3 * noise * (_THIRD - 1.0))
     yield _poses(flight.assumptions.pose_age, certificate.period, logs)
-    errors = np.concatenate([log.errors for log in logs])
-    if len(errors):
-        yield _share("tube of x and y", np.hypot(errors[:, 0], errors[:, 1]), flight.horizontal.tube.position, "m")
-        yield _share("tube of z", np.abs(errors[:, 2]), flight.vertical.tube.position, "m")
+    flown = [log.flown for log in logs if log.flown is not None]
+    if flown:
+        yield from _tube(flown, (flight.horizontal.tube.position, flight.vertical.tube.position))
+
+
+def _blurred(identified: Identified) -> tuple[float, float]:
+    """Return up to which sizes noise of the poses, where it is told, looks like a disturbance and like its change."""
+    return blur(0.0 if math.isnan(identified.pose_noise) else identified.pose_noise, COVERED)
+
+
+def _tube(flown: Sequence[Flown], tube: tuple[float, float]) -> Iterator[Verdict]:
+    """Judge the tube by the ticks in which our controller claimed it, with a certificate that has the same one."""
+    error, certified, claimed = (
+        np.concatenate([getattr(each, name) for each in flown]) for name in ("error", "tube", "claimed")
+    )
+    same = np.isclose(certified, tube, rtol=1e-6).all(axis=1)
+    shown = f"claimed in {np.mean(claimed[same]):.1%} of the flight" if same.any() else "flown with another certificate"
+    use = same & claimed
+    for name, sizes, most in (
+        ("tube of x and y", np.hypot(error[:, 0], error[:, 1]), tube[0]),
+        ("tube of z", np.abs(error[:, 2]), tube[1]),
+    ):
+        found = _share(name, sizes[use], most, "m")
+        yield dataclasses.replace(found, shown=f"{found.shown}; {shown}")
 
 
 def _profile(vehicle: VehicleProfile | None, identified: Identified) -> Iterator[Verdict]:
@@ -172,15 +197,23 @@ def _interval(
     return Verdict(name, bound, f"{found.value:.4g} [{low:.4g}, {high:.4g}] {unit}".strip(), verdict)
 
 
-def _share(name: str, sizes: FloatArray, most: float, unit: str) -> Verdict:
-    """Judge sizes (n,) that must not be above a bound, up to a share of COVERED."""
+def _share(name: str, sizes: FloatArray, most: float, unit: str, unsure: float = 0.0) -> Verdict:
+    """Judge sizes (n,) that must not be above a bound, up to a share of COVERED.
+
+    What is less above it than `unsure`, in the same unit, the flights do not tell from what is within.
+    """
     bound = f"at most {most:.4g} {unit}"
     if len(sizes) == 0:
         return Verdict(name, bound, "not told", SILENT)
     half, nearly, worst = np.percentile(sizes, (50.0, 100.0 * COVERED, 100.0))
     share = float(np.mean(sizes <= most))
     shown = f"{half:.3g} / {nearly:.3g} / {worst:.3g} {unit} (50 % / {COVERED:.1%} / worst), {share:.2%} within"
-    return Verdict(name, bound, shown, SUPPORTS if share >= COVERED else CONTRADICTS)
+    if share >= COVERED:
+        return Verdict(name, bound, shown, SUPPORTS)
+    surely = float(np.mean(sizes <= most + unsure))
+    if unsure > 0.0:
+        shown = f"{shown}, {surely:.2%} but for noise"
+    return Verdict(name, bound, shown, SILENT if surely >= COVERED else CONTRADICTS)
 
 
 def _poses(age: float, period: float, logs: Sequence[FlightLog]) -> Verdict:

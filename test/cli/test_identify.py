@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,13 +14,18 @@ from numpy.testing import assert_allclose
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from flatsat_ros import Pilot, Policy, SimulatedFleet, Trajectory, Tuning, load_certificate
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.cli import excitation, validate
 from flatsat_ros.cli.identify import bag_log, main
 from flatsat_ros.crazyflie.vehicle import load_vehicle
+from flatsat_ros.demo.scenario import gentle_swap
+from flatsat_ros.flight import telemetry
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
-from flatsat_ros.identification.log import FlightLog
+from flatsat_ros.identification.log import FlightLog, angles_of
+from flatsat_ros.sim.closed_loop import fly as fly_simulated
+from flatsat_ros.sim.sensor import MotionCapture
 from flatsat_ros.synthesis.flight_wishes import STILL, assumed
 
 pytestmark = pytest.mark.in_process
@@ -38,41 +44,37 @@ def flight(log: FlightLog, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write(log, tmp_path_factory.mktemp("logs") / "flight.csv")
 
 
-def write_bag(log: FlightLog, folder: Path, drones: tuple[str, ...], telemetry: bool = False) -> Path:
+def write_bag(
+    log: FlightLog, folder: Path, drones: tuple[str, ...], ticks: Sequence[tuple[float, Sequence[float]]] = ()
+) -> Path:
     """A bag in which drones fly alike, as crazyswarm2's cflib back end has them (pitch set-point negative).
 
-    The telemetry has the position for the error, in FLY but for the first row.
+    Of our controller there are ticks: times, s, and rows of telemetry.
     """
     header = T["std_msgs/msg/Header"](T["builtin_interfaces/msg/Time"](0, 0), "world")
     vector = T["geometry_msgs/msg/Vector3"]
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
 
         def put(topic: str, message: Any, time: float) -> None:
-            kind = message.__msgtype__
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
-            writer.write(connections[topic], 10**9 + round(time * 1e9), STORE.serialize_cdr(message, kind))
+            for drone in drones:
+                kind, name = message.__msgtype__, f"/{drone}/{topic}"
+                if name not in connections:
+                    connections[name] = writer.add_connection(name, kind, typestore=STORE)
+                writer.write(connections[name], 10**9 + round(time * 1e9), STORE.serialize_cdr(message, kind))
 
         connections: dict[str, Any] = {}
-        for time, place, (roll, pitch, _), command in zip(
-            log.pose_time, log.position, log.angles, log.command, strict=True
-        ):
+        for time, place, (roll, pitch, _) in zip(log.pose_time, log.position, log.angles, strict=True):
             (cr, cp), (sr, sp) = np.cos([roll / 2, pitch / 2]), np.sin([roll / 2, pitch / 2])
             turn = T["geometry_msgs/msg/Quaternion"](sr * cp, cr * sp, -sr * sp, cr * cp)
             pose = T["geometry_msgs/msg/Pose"](T["geometry_msgs/msg/Point"](*place), turn)
-            degrees = np.rad2deg(command[:2])
-            twist = T["geometry_msgs/msg/Twist"](vector(-degrees[1], degrees[0], command[2]), vector(0.0, 0.0, 0.0))
-            for drone in drones:
-                put(f"/{drone}/pose", T["geometry_msgs/msg/PoseStamped"](header, pose), time)
-                put(f"/{drone}/cmd_vel_legacy", twist, time)
-                if telemetry:
-                    row = dict.fromkeys(FIELDS, 0.0) | {"mode": Mode.FLY.value if time > 0.0 else Mode.IDLE.value}
-                    row |= dict(zip(("error_x", "error_y", "error_z"), place, strict=True))
-                    layout = T["std_msgs/msg/MultiArrayLayout"](
-                        [T["std_msgs/msg/MultiArrayDimension"](",".join(FIELDS), len(FIELDS), len(FIELDS))], 0
-                    )
-                    array = T["std_msgs/msg/Float64MultiArray"](layout, np.array(list(row.values())))
-                    put(f"/{drone}/flatsat/telemetry", array, time)
+            put("pose", T["geometry_msgs/msg/PoseStamped"](header, pose), time)
+        for time, command in zip(log.command_time, log.command, strict=True):
+            roll, pitch = np.rad2deg(command[:2])
+            put("cmd_vel_legacy", T["geometry_msgs/msg/Twist"](vector(-pitch, roll, command[2]), vector(0, 0, 0)), time)
+        for time, row in ticks:
+            label = T["std_msgs/msg/MultiArrayDimension"](",".join(FIELDS), len(FIELDS), len(FIELDS))
+            layout = T["std_msgs/msg/MultiArrayLayout"]([label], 0)
+            put("flatsat/telemetry", T["std_msgs/msg/Float64MultiArray"](layout, np.array(row)), time)
     return folder
 
 
@@ -192,8 +194,48 @@ def test_the_excitation_flight_is_written_once(tmp_path: Path, capsys: pytest.Ca
         assert text in capsys.readouterr().err
 
 
-def test_the_errors_of_our_controller_come_with_its_bag(log: FlightLog, tmp_path: Path) -> None:
-    bag = write_bag(log, tmp_path / "bag", ("cf1",), telemetry=True)
-    errors = bag_log(bag, None, "cflib").errors
-    assert_allclose(errors, np.stack([log.position[1:, axis] for axis in range(3)], axis=-1))
-    assert len(bag_log(write_bag(log, tmp_path / "other", ("cf1",)), None, "cflib").errors) == 0
+def test_what_our_controller_claimed_comes_with_its_bag(log: FlightLog, tmp_path: Path) -> None:
+    flying = dict.fromkeys(FIELDS, 0.0) | {"mode": Mode.FLY.value, "tube": 0.1, "tube_z": 0.2}
+    changes: list[dict[str, float]] = [{"mode": 0.0}, {"error_y": 3.0, "assumption": 9.0}, {"assumption": 3.0}]
+    rows = [flying | change for change in changes + 6 * [{}]]
+    bag = write_bag(log, tmp_path / "bag", ("cf1",), [(float(k), list(row.values())) for k, row in enumerate(rows)])
+    flown = bag_log(bag, None, "cflib").flown
+    assert flown is not None
+    assert flown.error.tolist() == [[0.0, 3.0, 0.0]] + 7 * [[0.0, 0.0, 0.0]]
+    assert flown.tube.tolist() == 8 * [[0.1, 0.2]]
+    assert flown.claimed.tolist() == [True, False] + 6 * [True]
+    assert bag_log(write_bag(log, tmp_path / "other", ("cf1",)), None, "cflib").flown is None
+
+
+def test_a_flight_of_our_controller_supports_its_tube_and_contradicts_what_its_poses_do_not_keep(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = "cf21_adaptive_50hz"
+    certificate, vehicle = load_certificate(name), load_vehicle("cf21")
+    tuning = Tuning(adaptation_rate=2.0, threshold=0.05, gain_initial=1.0, gain_max=certificate.gain_max)
+    pilot = Pilot(certificate, tuning, Policy(disturbance_max=0.8), count=1)
+    fleet = SimulatedFleet(vehicle, 1, command_delay=0.028, capture=MotionCapture(noise=1e-4))
+    poses, commands, ticks = [], [], []
+
+    def observe(now: float, samples: Any, tick: Any, sent: dict[int, tuple[float, ...]]) -> None:
+        poses.extend((each.stamp, *each.position, *each.quaternion) for each in samples)
+        commands.extend((now, *sent[index]) for index in sent)
+        ticks.append((now, telemetry.rows(tick)[0].tolist()))
+
+    place = np.array([0.0, 0.0, 1.0])
+    pilot.set_reference(0, Trajectory.hold(place))
+    begun = fly_simulated(pilot, fleet, vehicle, 4.0, observe)
+    pilot.set_reference(0, gentle_swap(certificate, np.array([place, place + (0.8, 0.4, 0.0)]), 0, 1).shifted(begun))
+    fly_simulated(pilot, fleet, vehicle, begun + 5.0, observe, begun)
+    pose, sent = np.array(poses, dtype=float), np.array(commands, dtype=float)
+    command = np.column_stack([np.deg2rad(sent[:, 1:3]), sent[:, 4]])
+    nothing, rough = np.empty(0), 1e-3 * np.random.default_rng(5).standard_normal((len(pose), 3))
+    for code, place in enumerate((pose[:, 1:4], pose[:, 1:4] + rough)):
+        log = FlightLog("flown", pose[:, 0], place, angles_of(pose[:, 4:].T), sent[:, 0], command, nothing, nothing)
+        bag = write_bag(log, tmp_path / f"bag{code}", ("cf1",), ticks)
+        assert validate.main([str(bag), "--backend", "cflib", "--certificate", name]) == code
+        said = capsys.readouterr().out
+        assert "supports     tube of x and y            assumed: at most 0.07553 m" in said
+        assert "supports     tube of z" in said
+        assert "of the flight\n" in said
+        assert (f"{name}: nothing in these flights contradicts it", f"{name}: contradicted in pose noise")[code] in said

@@ -19,11 +19,13 @@ from flatsat_ros.certificate.flight_tube import Assumptions
 from flatsat_ros.crazyflie.intervals import Intervals
 from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
 from flatsat_ros.identification.assumptions import assumptions
-from flatsat_ros.identification.disturbances import disturbances, shared
+from flatsat_ros.identification.disturbances import blur, disturbances, shared
+from flatsat_ros.identification.fit import Fit
 from flatsat_ros.identification.identified import NAMES, Figure, Identified
-from flatsat_ros.identification.log import FlightLog
+from flatsat_ros.identification.log import FlightLog, Flown
 from flatsat_ros.identification.residuals import REACH, Flight, misfit
-from flatsat_ros.identification.screening import STEP
+from flatsat_ros.identification.response import Figures
+from flatsat_ros.identification.screening import STEP, Samples
 from flatsat_ros.identification.validation import CONTRADICTS, SILENT, SUPPORTS, oldest, validate
 
 LOOP = load_certificate("cf21_50hz")
@@ -200,12 +202,50 @@ def test_the_tube_as_flown_is_judged_where_our_controller_flew(found: Identified
     assert FLYING.flight is not None
     sides, upright = FLYING.flight.horizontal.tube.position, FLYING.flight.vertical.tube.position
     inside = np.tile((0.6 * sides, -0.6 * sides, -0.9 * upright), (1000, 1))
-    for count, verdict in ((1, SUPPORTS), (2, CONTRADICTS)):
-        outside = inside.copy()
+    certified = np.tile((sides, upright), (1000, 1))
+    for count, claimed, tube, verdict in (
+        (1, True, certified, SUPPORTS),
+        (2, True, certified, CONTRADICTS),
+        (2, False, certified, SUPPORTS),  # where it was not claimed
+        (2, True, 1.1 * certified, SILENT),  # of another certificate
+        (0, True, np.nan * certified, SILENT),
+    ):
+        outside, claims = inside.copy(), np.ones(1000, dtype=bool)
         outside[:count] *= 1.3
-        flown = [dataclasses.replace(logs[0], errors=outside), logs[1]]
+        claims[:count] = claimed
+        flown = [dataclasses.replace(logs[0], flown=Flown(outside, tube, claims)), logs[1]]
         judged = verdicts(FLYING, found, flown)
         assert judged["tube of x and y"] == judged["tube of z"] == verdict
+
+
+@pytest.mark.parametrize("noise", [1e-4, 1e-3])
+def test_noise_alone_looks_like_no_more_than_its_blur(noise: float) -> None:
+    still = np.zeros((4000, 3))
+    samples = Samples(
+        "still", noise * np.random.default_rng(3).standard_normal(still.shape), still, still, np.empty(0),
+        np.ones(4000, dtype=bool), np.ones(4000, dtype=bool), still[:0], {},
+    )  # fmt: skip
+    flight = Flight.of(samples)
+    figures = Figures(1.0, 20.0, 0.7, 0.0, 1.0, 0.1, 0.0, 0.0, 0.0)
+    alone = Fit(figures, np.zeros(1), (), (misfit(flight, figures),), (1.0, 1.0), np.zeros((0, 0)))
+    pushed, change = disturbances([flight], alone)
+    for vectors, most in zip((pushed - (0.0, 0.0, GRAVITY), change), blur(noise, 0.9), strict=True):
+        assert np.mean(np.linalg.norm(vectors, axis=1) <= most) == pytest.approx(0.9, abs=0.02)
+
+
+def test_what_noise_may_have_done_contradicts_nothing(found: Identified, logs: list[FlightLog]) -> None:
+    flight = FLYING.flight
+    assert flight is not None
+    _, change = disturbances(found.flights, found.common)
+    largest = float(shared(change).max())
+    for pose_noise, verdict in ((1e-6, CONTRADICTS), (1e-3, SILENT)):  # the rate is of 0.3 mm of noise
+        strict = dataclasses.replace(
+            flight, assumptions=dataclasses.replace(flight.assumptions, disturbance_rate=0.5 * largest)
+        )
+        judged = verdicts(
+            dataclasses.replace(FLYING, flight=strict), dataclasses.replace(found, pose_noise=pose_noise), logs
+        )
+        assert {name.partition(" up to")[0]: each for name, each in judged.items()}["its rate"] == verdict
 
 
 def test_a_robust_certificate_is_judged_by_the_push_that_it_withstands(
