@@ -18,6 +18,7 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.planning import Mission
 from flatsat_ros.planning.improvement import _shapes as shapes_of_mission
+from flatsat_ros.planning.program import raising
 from flatsat_ros.planning.reference import shapes_of
 from flatsat_ros.planning.shapes import Shapes
 from flatsat_ros.plans.curve import AT_REST, DEGREE, ORDER, Curve, bezier_weights
@@ -143,13 +144,24 @@ def _keep_limits(asked: _Asked, mission: Mission, beziers: list[casadi.SX], pace
         pace: an expression, or 1.
         usual: its value, about, by which limits are scaled.
     """
-    limits, bounds = mission.limits, mission.bounds
+    bounds = mission.bounds
+    limits = bounds.room(mission.limits)
     distinct = []
     for order, values in enumerate(beziers):
         each, rows = ORDER - order, values.shape[0]
         distinct.append(values[[row for row in range(rows) if row % each < each - 1 or row == rows - 1], :])
     margin, square, scale = bounds.margin + _RESERVE, pace**2, usual**2
-    across, up = casadi.sum2(distinct[2][:, :2] ** 2), distinct[2][:, 2] + limits.gravity * square
+    # f times the square of the pace, of the degree of the lowest derivative in it
+    lowest, each = min(bounds.asked), ORDER - min(bounds.asked)
+    led = sum(
+        casadi.mtimes(casadi.DM(np.kron(np.eye(own.shape[0] // (ORDER - order)), raising(order, lowest))), own)
+        * casadi.repmat(casadi.DM([[float(factor) for factor in factors]]), each * own.shape[0] // (ORDER - order), 1)
+        * pace ** (2 - order)
+        for order, factors in bounds.asked.items()
+        for own in [beziers[order]]
+    )
+    led = led[[row for row in range(led.shape[0]) if row % each < each - 1 or row == led.shape[0] - 1], :]
+    across, up = casadi.sum2(led[:, :2] ** 2), led[:, 2] + limits.gravity * square
     room = up * math.sin(limits.tilt_max) - margin * square
     asked.ask(room / scale, 0.0, math.inf)
     asked.ask((room**2 - math.cos(limits.tilt_max) ** 2 * across) / scale**2, 0.0, math.inf)

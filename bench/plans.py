@@ -35,13 +35,14 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, Certificate, load_certificate
 from flatsat_ros.planning import Asked, Mission, Wishes, read_mission, rounds
 from flatsat_ros.planning.improvement import _shapes as shapes_of_mission
+from flatsat_ros.planning.program import raising
 from flatsat_ros.planning.reference import shapes_of
-from flatsat_ros.plans import Bounds, Curve, Tube, closest
+from flatsat_ros.plans import Curve, closest
 from flatsat_ros.plans.curve import UNIT
-from flatsat_ros.plans.tubes import certified_tube, default_bounds
+from flatsat_ros.plans.tubes import promise
 
 LOW, HIGH = np.array([-1.5, -1.5, 0.2]), np.array([1.5, 1.5, 2.2])  # m, the room
-BODY, PLACES_APART, DOWNWASH, TUBE = 0.15, 0.5, 2.0, 0.05  # m, m; the tube where none is proved, m
+BODY, PLACES_APART, DOWNWASH = 0.15, 0.5, 2.0  # m, m
 DRONES, TOURS = (5, 10, 20, 30), (5, 10, 20)
 SECONDS = 10.0  # of each search
 IPOPT_DRONES, IPOPT_SECONDS = 5, 30.0  # at most
@@ -80,12 +81,7 @@ class Result(NamedTuple):
 def drawn(certificate: Certificate, wishes: Wishes) -> Iterator[Mission]:
     """Yield missions of several sizes: swarms from random places to others, and tours of one drone."""
     random = np.random.default_rng(0)
-    usual = default_bounds(certificate)
-    bounds = Bounds(usual.margin, usual.jerk, usual.snap, LOW, HIGH, usual.speed, usual.acceleration)
-    if wishes.tube is not None or certificate.flight is None:
-        tube = Tube(TUBE if wishes.tube is None else wishes.tube)
-    else:
-        tube = certified_tube(certificate.flight, certificate.limits, usual.jerk, usual.snap, DOWNWASH)
+    bounds, tube = promise(certificate, LOW, HIGH, downwash=DOWNWASH, tube=wishes.tube)
 
     def mission(name: str, drones: Iterable[Asked]) -> Mission:
         return Mission(name, tuple(drones), certificate.name, certificate.limits, bounds, tube)
@@ -172,8 +168,16 @@ def plain(mission: Mission) -> tuple[float, float, str]:
     )  # fmt: skip
     high = low
 
+    raised = {order: np.kron(np.eye(len(shapes.lengths)), raising(order, min(bounds.asked))) for order in bounds.asked}
+    parts = [
+        np.concatenate([raised[order] @ matrix @ each for each in points]) * np.array(factors, dtype=np.float64)
+        for order, factors in bounds.asked.items()
+        for matrix in [shapes.bezier[order]]
+    ]
+
     def kept(duration: float) -> bool:
-        return float(mission.limits.margin(values[2] / duration**2).min()) >= bounds.margin
+        f = sum(part / duration**order for order, part in zip(bounds.asked, parts, strict=True))
+        return float(bounds.room(mission.limits).margin(f).min()) >= bounds.margin
 
     while not kept(high):
         low, high = high, 1.3 * high

@@ -61,8 +61,8 @@ def _parser() -> shell.Parser:
         (
             "margin",
             "M_S2",
-            "of accelerations to the input set (default: what the certificate assumes, or half the radius of the ball "
-            "around hover)",
+            "of what references ask the law for to the input set (default: what the certificate needs, or half the "
+            "radius of the ball around hover)",
         ),
         ("jerk-max", "M_S3", "largest jerk (default: what the certificate assumes, less a tenth, or 2)"),
         ("snap-max", "M_S4", "largest snap (default: what the certificate assumes, less a tenth, or 20)"),
@@ -189,8 +189,9 @@ def _tell(plan: Plan) -> None:
     speed = "" if bounds.speed_max is None else f", speed at most {bounds.speed_max:g} m/s"
     if bounds.acceleration_max is not None:
         speed += f", acceleration at most {bounds.acceleration_max:.4g} m/s^2"
+    led = ", drag and lead counted," if len(bounds.asked) > 1 else ","
     print(
-        f"  margin {bounds.margin:.4g} m/s^2 to the input set, jerk at most {bounds.jerk_max:g} m/s^3, snap "
+        f"  margin {bounds.margin:.4g} m/s^2 to the input set{led} jerk at most {bounds.jerk_max:g} m/s^3, snap "
         f"{bounds.snap_max:g} m/s^4{speed}"
     )
     print(f"  box {bounds.lower.tolist()} to {bounds.upper.tolist()} m")

@@ -15,8 +15,7 @@ from flatsat_ros.demo.record import PLAN
 from flatsat_ros.demo.scenario import Scenario, default_certificate, planned
 from flatsat_ros.planning.mission import Asked, Mission
 from flatsat_ros.planning.planner import Round, finished
-from flatsat_ros.plans import Bounds
-from flatsat_ros.plans.tubes import certified_tube, default_bounds
+from flatsat_ros.plans.tubes import promise
 
 ROBOTS_MAX = 64
 SECONDS = 5.0  # in which the first plan is improved; for 64 drones that is found within one
@@ -70,11 +69,8 @@ def mission_of(certificate: Certificate, count: int) -> Mission:
     drones = tuple(
         Asked(f"cf{i}", np.array([[x, y, _HEIGHT], [-x, -y, _HEIGHT]])) for i, (x, y) in enumerate(places.tolist(), 1)
     )
-    usual = default_bounds(certificate)
     side = radius + _ROOM
-    box = np.array([-side, -side, _LOW]), np.array([side, side, _HIGH])
+    bounds, tube = promise(certificate, [-side, -side, _LOW], [side, side, _HIGH], downwash=_DOWNWASH)
     return Mission(
-        f"exchange_{count}", drones, certificate.name, certificate.limits,
-        Bounds(usual.margin, usual.jerk, usual.snap, *box, usual.speed, usual.acceleration),
-        certified_tube(certificate.flight, certificate.limits, usual.jerk, usual.snap, _DOWNWASH), downwash=_DOWNWASH,
+        f"exchange_{count}", drones, certificate.name, certificate.limits, bounds, tube, downwash=_DOWNWASH
     )  # fmt: skip

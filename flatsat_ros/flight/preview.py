@@ -7,6 +7,8 @@ command acts for a period from its delay on, so f is that of the middle.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
@@ -33,7 +35,7 @@ class Preview:
         """
         self._references = references
         self._parts = [
-            (axes, references.cursor(), design.model.delay + design.period / 2.0, _needed(design))
+            (axes, references.cursor(), design.model.delay + design.period / 2.0, _needed_by(design))
             for axes, design in ((slice(0, 2), horizontal), (slice(2, 3), vertical))
         ]
 
@@ -66,8 +68,7 @@ def needed_margin(path: Trajectory, limits: InputSet, flight: Flight) -> float:
         flight: section of the certificate, whose models the reference is led for.
     """
     sides, upright = (axis.design for axis in flight.axes)
-    f = np.empty_like(path.coefficients)
-    f[..., :2], f[..., 2:] = _needed(sides) @ path.coefficients[..., :2], _needed(upright) @ path.coefficients[..., 2:]
+    f = asked_of_the_law(path, *led_for(flight))
     apart, moving = abs(sides.model.delay - upright.model.delay), 0.0
     span = np.diff(path.times)
     if apart > 0.0 and span.size:
@@ -77,9 +78,32 @@ def needed_margin(path: Trajectory, limits: InputSet, flight: Flight) -> float:
     return nearest(f, path.times, flight.room(limits)).distance - apart * moving
 
 
-def _needed(design: Design) -> FloatArray:
+def asked_of_the_law(path: Trajectory, drag: Sequence[float], lead: Sequence[float]) -> FloatArray:
+    """Return the coefficients of f (M - 1, 8, 3), m/s^2, of the powers of the time on each segment of a trajectory.
+
+    Args:
+        path: the trajectory.
+        drag: 1/s, horizontal and vertical.
+        lead: s, likewise.
+    """
+    f = np.empty_like(path.coefficients)
+    for axes, own_drag, own_lead in zip((slice(0, 2), slice(2, 3)), drag, lead, strict=True):
+        f[..., axes] = _needed(own_drag, own_lead) @ path.coefficients[..., axes]
+    return f
+
+
+def led_for(flight: Flight) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return drag, 1/s, and lead, s, of the models that references are led for, horizontal and vertical."""
+    sides, upright = (axis.design.model for axis in flight.axes)
+    return (sides.drag + sides.tilt, upright.drag + upright.tilt), (sides.lead, upright.lead)
+
+
+def _needed_by(design: Design) -> FloatArray:
+    return _needed(design.model.drag + design.model.tilt, design.model.lead)
+
+
+def _needed(drag: float, lead: float) -> FloatArray:
     """Return (8, 8) from the powers of the time to the factors of a polynomial's coefficients in f."""
-    model = design.model
-    asked = _DERIVATIVE @ _DERIVATIVE + (model.drag + model.tilt) * _DERIVATIVE
+    asked = _DERIVATIVE @ _DERIVATIVE + drag * _DERIVATIVE
     # a row of powers (t^0 .. t^7) times _DERIVATIVE is the row of derivatives
-    return np.asarray(asked + model.lead * asked @ _DERIVATIVE)
+    return np.asarray(asked + lead * asked @ _DERIVATIVE)

@@ -226,7 +226,7 @@ def _bound(mission: Mission, shapes: Shapes) -> float:
     longest = 0.0
     for number in np.argsort(-_ways(mission).max(axis=1), kind="stable")[:_SLOWEST].tolist():
         drone = mission.drones[number]
-        found = shortest(shapes, drone, mission.limits, mission.bounds)
+        found = shortest(shapes, drone, mission.limits, mission.bounds, longest or None)
         if found is None:
             raise _no_way(drone.name, mission)
         longest = max(longest, found[1])

@@ -21,14 +21,13 @@ from flatsat_ros.base.strict_yaml import read_yaml, section
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.planning.mission import Asked, Mission
 from flatsat_ros.planning.polynomials import is_polynomials, read_polynomials
-from flatsat_ros.plans import Bounds, Box, Tube
-from flatsat_ros.plans.tubes import certified_tube, default_bounds, require_margin
+from flatsat_ros.plans import Box
+from flatsat_ros.plans.tubes import promise
 
 _BYTES_MAX = 1024 * 1024
 _ROWS_MAX = 500
 _AROUND = 0.5  # m: the box around way-points, where none is given
 _BODY = 0.15  # m, radius, where none is given
-_TUBE = 0.05  # m, radius, where none is given or proved
 _DOWNWASH = 2.0
 _COLUMNS = ("x", "y", "z", "yaw", "t", "radius")
 
@@ -103,16 +102,10 @@ def read_mission(
         lower, upper = content.box or _around(content.drones)
         if wishes.floor is not None:
             lower = np.array([*lower[:2], require_number("floor", wishes.floor, "m")])
-        usual = default_bounds(certificate, wishes.speed_max)
-        wanted = (wishes.margin, wishes.jerk_max, wishes.snap_max)
-        margin, jerk, snap = (own if given is None else given for own, given in zip(usual[:3], wanted, strict=True))
-        # tubes are proved for such accelerations and speeds; for given tubes nothing is assumed
-        proved = wishes.tube is None
-        bounds = Bounds(
-            margin, jerk, snap, lower, upper,
-            usual.speed if proved else wishes.speed_max, usual.acceleration if proved else None,
+        bounds, tube = promise(
+            certificate, lower, upper, downwash=content.downwash, tube=wishes.tube, margin=wishes.margin,
+            jerk_max=wishes.jerk_max, snap_max=wishes.snap_max, speed_max=wishes.speed_max,
         )  # fmt: skip
-        tube = _tube(certificate, bounds, content.downwash, wishes)
         return Mission(
             name, content.drones, certificate.name, certificate.limits, bounds, tube, content.times, content.downwash,
             wishes.clearance, content.obstacles, content.laps if wishes.laps is None else wishes.laps,
@@ -121,20 +114,6 @@ def read_mission(
         if str(error).startswith(os.fspath(path)):
             raise
         raise located(path, error) from error
-
-
-def _tube(certificate: Certificate, bounds: Bounds, downwash: float, wishes: Wishes) -> Tube:
-    """Return the tube that the certificate proves for the bounds, or the given one.
-
-    Raises:
-        FlatsatError: it proves none for them.
-    """
-    if wishes.tube is not None:
-        return Tube(wishes.tube)
-    if certificate.flight is None:
-        return Tube(_TUBE)
-    require_margin(bounds, certificate.flight)
-    return certified_tube(certificate.flight, certificate.limits, bounds.jerk_max, bounds.snap_max, downwash)
 
 
 def _around(drones: Sequence[Asked]) -> tuple[FloatArray, FloatArray]:

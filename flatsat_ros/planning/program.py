@@ -3,11 +3,16 @@
 The unknowns are control points and T^4, with T the factor by which knots are stretched. Then everything is convex at
 once: with s <= T^2, u <= T^3 and t <= T as further unknowns, which three quadratic cones bound by T^4,
 
-    |A_h| cos eps <= A_3 sin eps + s (g sin eps - m),   |A + s g e3| <= s (T_max - m),   |V| <= t V_max,
-    |J| <= u J_max,   |S| <= T^4 S_max
+    |F_h| cos eps <= F_3 sin eps + s (g sin eps - m),   |F + s g e3| <= s (T_max - m),   |V| <= t V_max,
+    |A| <= s A_max,   |J| <= u J_max,   |S| <= T^4 S_max
 
-where V, A, J, S are the Bezier control points of the derivatives at T = 1, linear in the spline's control points. The
-shortest duration is the minimum of a linear function, and a solution of this program is the best there is.
+where V, A, J, S are the Bezier control points of the derivatives at T = 1, linear in the spline's control points, and F
+those of f T^2 (`plans.bounds`). That is A where no drag and lead are known; else parts of it depend on T otherwise,
+
+    F = (1 + drag lead) A + drag T V + lead J / T
+
+and there T is replaced by a value near it, the pace: where a solution has just this T it keeps all limits, and so would
+any other with a shorter one. The shortest duration is the minimum of a linear function.
 """
 
 from __future__ import annotations
@@ -22,7 +27,7 @@ from scipy import sparse
 from flatsat_ros.base.arrays import FloatArray, IntArray
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.plans.bounds import Bounds
-from flatsat_ros.plans.curve import DEGREE, ORDER, bezier_weights, local_knots
+from flatsat_ros.plans.curve import DEGREE, ORDER, bezier_weights, elevation, local_knots
 
 # kept back so that rounding control points to nanometres breaks no limit: of acceleration m/s^2, relative of others
 _RESERVE = 1e-4
@@ -131,17 +136,19 @@ class Derivatives:
         count: control points n; the unknowns are their x, their y, their z, then T^4, s, u, t.
         size: number of unknowns.
         spans: M.
+        pace: what stands for T where a derivative is asked for with another power of it.
     """
 
     def __init__(self, knots: FloatArray, *, closed: bool = False) -> None:
         self.count = control_points(len(knots) - 1, closed=closed)
         self.size = 3 * self.count + UNKNOWNS
         self.spans = len(knots) - 1
+        self.pace = 1.0
         self._matrices = bezier_matrices(knots, closed=closed)
 
-    def axes(self, order: int) -> list[Affine]:
-        """Return x, y and z of the Bezier points of a derivative at T = 1."""
-        matrix = self._matrices[order]
+    def axes(self, order: int, power: int | None = None) -> list[Affine]:
+        """Return x, y and z of the Bezier points of a derivative, times a power of T; by default its order."""
+        matrix = self._matrices[order] * self.pace ** ((order if power is None else power) - order)
         zeros = np.zeros(matrix.shape[0])
         return [(_placed(matrix, axis * self.count, self.size), zeros) for axis in range(3)]
 
@@ -192,7 +199,9 @@ class Retimed(Derivatives):
         super().__init__(_knots(legs, spans), closed=closed)
         self.size = 3 * self.count + len(legs)
         self._legs, self._each = legs, spans
+        # of derivatives by the legs, and, divided by the leg, of those of each leg's own points
         self._slopes = [np.zeros((matrix.shape[0], 3, len(legs))) for matrix in self._matrices]
+        self._own = [np.zeros_like(slopes) for slopes in self._slopes]
         for leg, duration in enumerate(legs):
             step = np.zeros(len(legs))
             step[leg] = _STEP * duration
@@ -200,13 +209,13 @@ class Retimed(Derivatives):
             for order, (before, after) in enumerate(zip(self._matrices, moved, strict=True)):
                 own = slice(leg * spans * (ORDER - order), (leg + 1) * spans * (ORDER - order))
                 self._slopes[order][:, :, leg] = (after - before) @ points / step[leg]
-                self._slopes[order][own, :, leg] += order * (before[own] @ points) / duration
+                self._own[order][own, :, leg] = (before[own] @ points) / duration
 
-    def axes(self, order: int) -> list[Affine]:
-        """Return x, y and z of the Bezier points of a derivative, times (h / h0)^order."""
-        found = []
+    def axes(self, order: int, power: int | None = None) -> list[Affine]:
+        """Return x, y and z of the Bezier points of a derivative, times a power of h / h0; by default its order."""
+        found, exponent = [], order if power is None else power
         for axis, (matrix, constant) in enumerate(super().axes(order)):
-            slopes = self._slopes[order][:, axis]
+            slopes = self._slopes[order][:, axis] + exponent * self._own[order][:, axis]
             slopes = np.where(np.abs(slopes) > 1e-9, slopes, 0.0)  # a leg matters to few spans
             moved = _placed(sparse.csr_matrix(slopes), 3 * self.count, self.size)
             found.append((matrix + moved, constant - slopes @ self._legs))
@@ -239,18 +248,18 @@ def keep_limits(program: Program, reference: Derivatives, limits: InputSet, boun
         rows = reference.distinct(order)
         return [(matrix[rows], constant[rows]) for matrix, constant in reference.axes(order)], rows // (ORDER - order)
 
-    (x, y, z), spans = points(2)
-    margin, gravity = bounds.margin + _RESERVE, limits.gravity
-    most = math.inf if bounds.acceleration_max is None else _SHARE * bounds.acceleration_max
+    room, margin, gravity = bounds.room(limits), bounds.margin + _RESERVE, limits.gravity
+    (x, y, z), spans = asked_points(reference, bounds)
+    most = math.inf if bounds.acceleration_max is None or len(bounds.asked) > 1 else _SHARE * bounds.acceleration_max
     sine, cosine = math.sin(limits.tilt_max), math.cos(limits.tilt_max)
     if most > gravity * sine - margin:
         tilt = plus(times(sine, z), power(2, gravity * sine - margin, spans))
         program.bound_norms(tilt, times(cosine, x), times(cosine, y))
-    if most > limits.thrust_max - margin - gravity:
+    if most > room.thrust_max - margin - gravity:
         lifted = plus(z, power(2, gravity, spans))
-        program.bound_norms(power(2, limits.thrust_max - margin, spans), x, y, lifted)
-    if most > gravity - limits.thrust_min - margin:
-        program.be_positive(plus(z, power(2, gravity - limits.thrust_min - margin, spans)))
+        program.bound_norms(power(2, room.thrust_max - margin, spans), x, y, lifted)
+    if most > gravity - room.thrust_min - margin and room.thrust_min + margin > margin / sine:  # below the cone's tip
+        program.be_positive(plus(z, power(2, gravity - room.thrust_min - margin, spans)))
     for order, bound in (
         (1, bounds.speed_max), (2, bounds.acceleration_max), (3, bounds.jerk_max), (4, bounds.snap_max),
     ):  # fmt: skip
@@ -260,6 +269,27 @@ def keep_limits(program: Program, reference: Derivatives, limits: InputSet, boun
     for axis, low, high in zip(points(0)[0], bounds.lower, bounds.upper, strict=True):
         program.be_positive((axis[0], axis[1] - low))
         program.be_positive((-axis[0], high - axis[1]))
+
+
+def asked_points(reference: Derivatives, bounds: Bounds) -> tuple[list[Affine], IntArray]:
+    """Return x, y and z of the distinct control points of f, times T^2, and the spans that they are of."""
+    lowest = min(bounds.asked)
+    rows = reference.distinct(lowest)
+    total: list[Affine] = []
+    for order, factors in bounds.asked.items():
+        matrix = sparse.kron(sparse.identity(reference.spans), raising(order, lowest), format="csr")[rows]
+        parts = [
+            (float(factor) * (matrix @ own), float(factor) * (matrix @ constant))
+            for factor, (own, constant) in zip(factors, reference.axes(order, 2), strict=True)
+        ]
+        total = parts if not total else [plus(a, b) for a, b in zip(total, parts, strict=True)]
+    return total, rows // (ORDER - lowest)
+
+
+def raising(order: int, lower: int) -> FloatArray:
+    """Return the matrix from Bezier points of a derivative to as many as a derivative of lower order has."""
+    raised, divisor = elevation(DEGREE - order, DEGREE - lower)
+    return np.asarray(raised / divisor, dtype=np.float64)
 
 
 def _knots(legs: FloatArray, spans: int) -> FloatArray:

@@ -13,6 +13,9 @@ from flatsat_ros.planning.shapes import Shapes
 from flatsat_ros.plans.bounds import Bounds
 from flatsat_ros.plans.curve import AT_REST, ORDER
 
+# programs one after the other until the duration differs by less than so much, relatively; how much it follows at first
+_PACES, _SAME, _SLOPE = 12, 1e-4, 0.3
+
 _SPANS, _LEG = 24, 3  # of a reference; of each leg at least
 
 _STEPS = 30  # of the search for the times of way-points
@@ -20,19 +23,41 @@ _ENOUGH = 5e-4  # of the duration: where less can be hoped for, the search ends
 _SMALLEST = 1e-3  # of the radius in which the limits are trusted to be linear in the legs
 
 
-def shortest(shapes: Shapes, drone: Asked, limits: InputSet, bounds: Bounds) -> tuple[FloatArray, float] | None:
+def shortest(
+    shapes: Shapes, drone: Asked, limits: InputSet, bounds: Bounds, near: float | None = None
+) -> tuple[FloatArray, float] | None:
     """Return control points (n, 3) and the least duration, s, with the knots in the proportions of the shapes.
 
-    It is the best there is in this spline space (up to the reserve for rounding), for the program is convex. None if
-    the box leaves no way.
+    It is the best there is in this spline space (up to the reserve for rounding): a convex program where only the
+    acceleration is asked of the law, otherwise a short sequence of them, until the duration is that which drag and lead
+    are counted with. None if the box leaves no way.
 
     Args:
         shapes: knots, and where the way-points are passed.
         drone: whose way-points are passed.
         limits: the input set.
         bounds: of the reference.
+        near: a duration, s, of the right size.
     """
-    scale = _guess(drone.waypoints, bounds)
+    scale, solved = _guess(drone.waypoints, bounds) if near is None else near, None
+    known: list[tuple[float, float]] = []  # durations that were counted with, and what came out, s
+    for _ in range(_PACES):
+        solved = _shortest_at(shapes, drone, limits, bounds, scale)
+        if solved is None or len(bounds.asked) == 1 or abs(solved[1] - scale) < _SAME * scale:
+            break
+        known.append((scale, solved[1]))
+        slope = _SLOPE
+        if len(known) > 1 and known[-1][0] != known[-2][0]:
+            (a, out_a), (b, out_b) = known[-2:]
+            slope = float(np.clip((out_b - out_a) / (b - a), 0.0, 0.9))
+        scale += (solved[1] - scale) / (1.0 - slope)
+    return solved
+
+
+def _shortest_at(
+    shapes: Shapes, drone: Asked, limits: InputSet, bounds: Bounds, scale: float
+) -> tuple[FloatArray, float] | None:
+    """Return control points (n, 3) and the least duration, s, where drag and lead are counted with a duration, s."""
     derivatives = Derivatives(shapes.knots * scale, closed=shapes.closed)
     program = Program(derivatives.size)
     keep_limits(program, derivatives, limits, bounds)
@@ -84,7 +109,7 @@ def shortest_legs(
         hoped = 0.0 if step is None else best - float(step.sum())
         if step is not None and hoped < _ENOUGH * best:
             break
-        tried = None if step is None else shortest(shapes_of(step, closed=closed), drone, limits, bounds)
+        tried = None if step is None else shortest(shapes_of(step, closed=closed), drone, limits, bounds, step.sum())
         if step is None or tried is None or tried[1] >= best:
             radius /= 3.0
             if radius < _SMALLEST:

@@ -20,6 +20,7 @@ from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.planning.descent import descend
 from flatsat_ros.planning.detours import along, around
 from flatsat_ros.planning.penalties import Charge, Neighbours, keep_box, keep_input_set, push_away, shorten
+from flatsat_ros.planning.program import raising
 from flatsat_ros.planning.shapes import Shapes
 from flatsat_ros.plans.bounds import Bounds
 from flatsat_ros.plans.curve import DEGREE, ORDER
@@ -76,6 +77,14 @@ class Search:
         self._samples = _samples(swarm)
         parts = [_sampled(shapes, self._samples), *(shapes.bezier[order] for order in (0, 1, 2, 3, 4))]
         self._parts = [slice(a, b) for a, b in zip(*_edges([len(part) for part in parts]), strict=True)]
+        asked = swarm.bounds.asked
+        self._asked = [  # which parts make f, of what degree and how much of each along x, y and z
+            (
+                self._parts[1 + order], raising(order, min(asked)),
+                np.array([[float(factor)] for factor in factors]), order,
+            )
+            for order, factors in asked.items()
+        ]  # fmt: skip
         stacked = np.concatenate(parts)
         self._modes = stacked @ shapes.modes
         self._waypoints = swarm.waypoints.transpose(1, 2, 0)  # (W, 3, N)
@@ -180,12 +189,7 @@ class Search:
         pushes *= self._stretch * (_APART / self._samples)
         charges = [Charge(each.cost * _APART / self._samples, each.worst) for each in apart]
         charges.append(keep_box(values[positions], bounds.lower, bounds.upper, _INSET * wider, slopes[positions]))
-        charges.append(
-            keep_input_set(
-                values[accelerations] / duration**2, swarm.limits, bounds.margin, _MARGIN * wider, slopes[accelerations]
-            )
-        )
-        slopes[accelerations] /= duration**2
+        charges.append(self._keep_margin(values, duration, _MARGIN * wider, slopes))
         for part, order, most in (
             (velocities, 1, bounds.speed_max), (accelerations, 2, bounds.acceleration_max),
             (jerks, 3, bounds.jerk_max), (snaps, 4, bounds.snap_max),
@@ -198,6 +202,21 @@ class Search:
         gradient = _SMOOTH * modes.ravel() + weight * (self._modes.T @ slopes.reshape(len(slopes), -1)).ravel()
         cost = 0.5 * _SMOOTH * float((modes * modes).sum()) + weight * sum(charge.cost for charge in charges)
         return cost, gradient, max(charge.worst for charge in charges)
+
+    def _keep_margin(self, values: FloatArray, duration: float, room: float, slopes: FloatArray) -> Charge:
+        """Charge for what f lacks of its margin; slopes, of all values, get what that adds to them."""
+        bounds, spans = self.swarm.bounds, len(self.swarm.shapes.lengths)
+        parts = [(part, raised, factors / duration**order) for part, raised, factors, order in self._asked]
+        f: FloatArray = np.sum([
+            (raised @ values[part].reshape(spans, raised.shape[1], -1)).reshape(-1, *values.shape[1:]) * factors
+            for part, raised, factors in parts
+        ], axis=0)  # fmt: skip
+        slope = np.empty_like(f)
+        charge = keep_input_set(f, bounds.room(self.swarm.limits), bounds.margin, room, slope)
+        for part, raised, factors in parts:
+            own = (slope * factors).reshape(spans, len(raised), -1)
+            slopes[part] += (raised.T @ own).reshape(-1, *values.shape[1:])
+        return charge
 
 
 def _samples(swarm: Swarm) -> int:

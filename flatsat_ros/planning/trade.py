@@ -9,7 +9,7 @@ from typing import NamedTuple
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.planning.mission import Mission
-from flatsat_ros.plans.tubes import certified_tube
+from flatsat_ros.plans.tubes import promise
 
 _FACTORS = (0.5, 1.0, 1.5, 2.0, 3.0)  # of the mission's jerk and snap
 
@@ -47,9 +47,12 @@ def trade(mission: Mission, certificate: Certificate) -> Iterator[Choice]:
         jerk, snap = factor * mission.bounds.jerk_max, factor * mission.bounds.snap_max
         radius = None
         try:
-            tube = certified_tube(certificate.flight, certificate.limits, jerk, snap, mission.downwash)
+            bounds, tube = promise(
+                certificate, mission.bounds.lower, mission.bounds.upper, downwash=mission.downwash, jerk_max=jerk,
+                snap_max=snap, speed_max=mission.bounds.speed_max,
+            )  # fmt: skip
             radius = tube.radius
-            asked = replace(mission, bounds=replace(mission.bounds, jerk_max=jerk, snap_max=snap), tube=tube)
+            asked = replace(mission, bounds=bounds, tube=tube)
             yield Choice(jerk, snap, radius, bound_of(asked))
         except FlatsatError as error:
             yield Choice(jerk, snap, radius, None, str(error))

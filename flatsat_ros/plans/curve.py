@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -38,6 +38,7 @@ UNIT = 2**30  # of a metre, and of a m/s, ...: fixed-point numbers of the proofs
 
 _FARTHEST = 500 * 10**9  # nm: differences of positions times directions of 20 bits fit 64 bits
 _LONGEST = 3600 * 10**6  # us
+_NAMES = ("position", "velocity", "acceleration", "jerk", "snap")
 
 Exact = NDArray[np.object_]  # of Python integers or fractions
 
@@ -123,14 +124,30 @@ class Curve:
         Raises:
             FlatsatError: a value is beyond 2^40 of these units; about 1000 m, m/s, ...
         """
-        values, divisors = self.bezier(order, edges)
-        divisors = divisors[:, np.newaxis, np.newaxis]
-        rounded = (2 * UNIT * values + divisors) // (2 * divisors)
-        largest = max(map(abs, rounded.ravel()))
-        if largest >= 2**40:
-            names = ("position", "velocity", "acceleration", "jerk", "snap")
-            raise refusal(f"{names[order]} of a control point", largest / UNIT, "in SI units", "below 1024")
-        return np.asarray(rounded, dtype=np.int64)
+        return _fixed(*self.bezier(order, edges), _NAMES[order])
+
+    def fixed_sum(self, factors: Mapping[int, Sequence[Fraction]], name: str) -> IntArray:
+        """Return the control points of a sum of derivatives, as `fixed`, of the degree of the lowest of them.
+
+        Args:
+            factors: of the derivatives, by their order, along x, y and z.
+            name: of the sum, for the error.
+
+        Raises:
+            FlatsatError: a value is beyond 2^40 of the units.
+        """
+        highest, degree = max(factors), self.degree - min(factors)
+        whole = math.lcm(*(factor.denominator for each in factors.values() for factor in each))
+        lengths = np.diff(np.array(self.knots, dtype=object))
+        total, common = np.zeros((len(lengths), degree + 1, 3), dtype=object), np.ones_like(lengths)
+        for order, each in factors.items():
+            values, divisors = self.bezier(order)
+            raised, parts = elevation(self.degree - order, degree)
+            weights = np.array([int(factor * whole) for factor in each], dtype=object)
+            scale = lengths ** (highest - order)
+            total += scale[:, np.newaxis, np.newaxis] * (raised @ values) * weights
+            common = scale * divisors * (parts * whole)  # the same for all of them
+        return _fixed(total, common, name)
 
     def trajectory(self, yaw: float = 0.0) -> Trajectory:
         """Return the same polynomials, in floats, from time 0 on; one lap if it is closed."""
@@ -177,6 +194,32 @@ class Curve:
                     *(knot + last for knot in self.knots[1 : 1 + near]))  # fmt: skip
         repeated = [knot for knot in inner for _ in range(self._step)]
         return (*[first] * self.degree, *repeated, *[last] * self.degree)
+
+
+@lru_cache(maxsize=32)
+def elevation(degree: int, higher: int) -> tuple[Exact, int]:
+    """Return the matrix from a polynomial's Bezier points to those of the same one as one of a higher degree.
+
+    Returns:
+        Integers (higher + 1, degree + 1), and what to divide them by, which depends on the higher degree alone.
+    """
+    divisor = math.lcm(*(math.comb(higher, i) for i in range(higher + 1)))
+    found = np.zeros((higher + 1, degree + 1), dtype=object)
+    for i in range(higher + 1):
+        for j in range(max(0, i - higher + degree), min(i, degree) + 1):
+            weight = math.comb(degree, j) * math.comb(higher - degree, i - j)
+            found[i, j] = weight * divisor // math.comb(higher, i)
+    return found, divisor
+
+
+def _fixed(values: Exact, divisors: Exact, name: str) -> IntArray:
+    """Return quotients, rounded, as fixed-point numbers; the divisors (E,) are those of values (E, ...)."""
+    divisors = divisors[:, np.newaxis, np.newaxis]
+    rounded = (2 * UNIT * values + divisors) // (2 * divisors)
+    largest = max(map(abs, rounded.ravel()))
+    if largest >= 2**40:
+        raise refusal(f"{name} of a control point", largest / UNIT, "in SI units", "below 1024")
+    return np.asarray(rounded, dtype=np.int64)
 
 
 def local_knots(knots: FloatArray, *, closed: bool = False) -> FloatArray:

@@ -16,7 +16,8 @@ import numpy as np
 from flatsat_ros.base.errors import FlatsatError, refusal, require, require_fields, require_positive
 from flatsat_ros.base.strict_yaml import section
 from flatsat_ros.certificate.lyapunov import bernstein_coefficients
-from flatsat_ros.flight.trajectory import SIZE, Trajectory
+from flatsat_ros.flight.preview import asked_of_the_law
+from flatsat_ros.flight.trajectory import SIZE, Trajectory, nearest
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.plans.bounds import Bounds
 from flatsat_ros.plans.pacing import EXCESS, braked, resumed
@@ -82,8 +83,9 @@ class Laps:
                 if asked > EXCESS * bound:
                     what = f"{name} of a drone that sets out within {self.ramp:g} s"
                     raise refusal(what, asked, "in SI units", f"at most {EXCESS * bound:.6g}: let it take longer")
-            least = limits.inner_radius - EXCESS * (limits.inner_radius - bounds.margin)
-            found = ramps.margin(limits).distance
+            room = bounds.room(limits)
+            least = room.inner_radius - EXCESS * (room.inner_radius - bounds.margin)
+            found = nearest(asked_of_the_law(ramps, bounds.drag, bounds.lead), ramps.times, room).distance
             if found < least:
                 what = f"margin of a drone that sets out within {self.ramp:g} s"
                 raise refusal(what, found, "m/s^2", f"at least {least:.6g}: let it take longer")

@@ -19,15 +19,18 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.flight.trajectory import SIZE, Trajectory
+from flatsat_ros.law.input_set import InputSet
+from flatsat_ros.plans.bounds import Bounds
 
 _STEP = 0.04  # s
 # of positions, velocities, accelerations and jerks at 0 and at 1, scaled by the span: coefficients of u^4 .. u^7
 _JUMPS = np.linalg.inv(np.array([[math.perm(power, order) for power in range(4, SIZE)] for order in range(4)]))
-# s, that a change of pace may take: the shortest whose jerk and snap exceed the reference's by less than a tenth
-_CHANGES = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
+# s, that stopping may take, and setting out again, for which there is time: the shortest with which nothing exceeds by
+# more than a tenth what references may ask for
+_STOPS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0)
+_STARTS = (*_STOPS, 8.0, 10.0, 12.0)
 EXCESS = 1.1
-_TINY = 1e-300
-_LOOKS = 200  # times at which a reference is looked at for that
+_LOOKS, _STEPS = 100, 31  # times of a reference at which a change is looked at for that, and times of the change
 _FACTORIALS = np.array([math.factorial(order) for order in range(4)], dtype=float)
 _BINOMIALS = np.array([[math.comb(j, i) for j in range(SIZE)] for i in range(SIZE)], dtype=float)
 
@@ -79,43 +82,71 @@ def resumed(reference: Trajectory, progress: float, begin: float, duration: floa
     )
 
 
-def change_duration(references: Sequence[Trajectory]) -> float:
-    """Return how long a change of pace shall take, s, wherever it begins."""
-    u = np.linspace(0.0, 1.0, 41)
-    rise, area = u**3 * (10.0 + u * (6.0 * u - 15.0)), u**4 * (2.5 + u * (u - 3.0))
-    pace, made = 1.0 - rise, u - area
-    slope, bend = 30.0 * u**2 * (1.0 - u) ** 2, np.abs(60.0 * u * (1.0 - u) * (1.0 - 2.0 * u))
-    turn = np.abs(60.0 * (1.0 - 6.0 * u * (1.0 - u)))
-    sizes = []
-    most = np.full(5, _TINY)
+def change_duration(references: Sequence[Trajectory], bounds: Bounds, limits: InputSet, *, stops: bool) -> float:
+    """Return how long a change of pace shall take, s, wherever it begins.
+
+    Args:
+        references: whose pace changes.
+        bounds: that they keep; what a change asks for is at most a tenth more, where the longest suffices for that.
+        limits: the input set.
+        stops: whether they stop; otherwise they set out.
+    """
+    sampled = []
     for reference in references:
         times = np.linspace(reference.times[0], reference.times[-1], _LOOKS)
-        sizes.append((times, np.linalg.norm(_rates(reference, times), axis=2)))
-        most = np.maximum(most, sizes[-1][1].max(axis=1))
-    for duration in _CHANGES:
-        d1, d2, d3 = slope / duration, bend / duration**2, turn / duration**3
-        worst = 0.0
-        for times, rates in sizes:
-            at = times[:, None] + duration * made
-            v, a, j, s = (np.interp(at, times, rate, right=0.0) for rate in rates[1:])
-            jerk = j * pace**3 + 3.0 * a * pace * d1 + v * d2
-            snap = s * pace**4 + 6.0 * j * pace**2 * d1 + a * (3.0 * d1**2 + 4.0 * pace * d2) + v * d3
-            worst = max(worst, float(jerk.max()) / most[3], float(snap.max()) / most[4])
-        if worst <= EXCESS:
+        sampled.append((times, _rates(reference, times)))
+    durations = _STOPS if stops else _STARTS
+    for duration in durations:
+        course = _course(np.linspace(0.0, 1.0, _STEPS), duration, stops=stops)
+        if all(_is_bearable(*each, course, bounds, limits) for each in sampled):
             return duration
-    return _CHANGES[-1]
+    return durations[-1]
+
+
+def _is_bearable(times: FloatArray, rates: FloatArray, course: FloatArray, bounds: Bounds, limits: InputSet) -> bool:
+    """Tell whether a change of pace, wherever it begins, asks for at most a tenth more than bounds allow.
+
+    Args:
+        times: (M,) s, at which it may begin.
+        rates: (5, M, 3) of the reference at these times.
+        course: of the change, see `_course`.
+        bounds: of the reference.
+        limits: the input set.
+    """
+    _, pace, first, second, third = course[..., np.newaxis]
+    at = times[:, np.newaxis] + course[0]
+    _, p1, p2, p3, p4 = (
+        np.stack([np.interp(at, times, rate[:, axis], right=0.0) for axis in range(3)], axis=-1) for rate in rates
+    )
+    velocity, acceleration = p1 * pace, p2 * pace**2 + p1 * first
+    jerk = p3 * pace**3 + 3.0 * p2 * pace * first + p1 * second
+    snap = p4 * pace**4 + 6.0 * p3 * pace**2 * first + p2 * (3.0 * first**2 + 4.0 * pace * second) + p1 * third
+    for value, most in ((acceleration, bounds.acceleration_max), (jerk, bounds.jerk_max), (snap, bounds.snap_max)):
+        if most is not None and float((value * value).sum(axis=-1).max()) > (EXCESS * most) ** 2:
+            return False
+    room, factors = bounds.room(limits), {1: velocity, 2: acceleration, 3: jerk}
+    f = sum(np.array(factor, dtype=np.float64) * factors[order] for order, factor in bounds.asked.items())
+    return float(room.margin(f).min()) >= room.inner_radius - EXCESS * (room.inner_radius - bounds.margin)
+
+
+def _course(u: FloatArray, duration: float, *, stops: bool) -> FloatArray:
+    """Return progress, s, and pace of a change with its first three derivatives (5, K), at shares u (K,) of it."""
+    rise, area = u**3 * (10.0 + u * (6.0 * u - 15.0)), u**4 * (2.5 + u * (u - 3.0))
+    slope, bend = 30.0 * u**2 * (1.0 - u) ** 2, 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)
+    turn = 60.0 * (1.0 - 6.0 * u * (1.0 - u))
+    sign = -1.0 if stops else 1.0
+    rates = [slope / duration, bend / duration**2, turn / duration**3]
+    made, pace = (u - area, 1.0 - rise) if stops else (area, rise)
+    return np.array([duration * made, pace, *(sign * rate for rate in rates)])
 
 
 def _paced(reference: Trajectory, progress: float, begin: float, duration: float, *, stops: bool) -> Trajectory:
     """Return the piece on which the pace changes, from 1 to 0 if it stops and else from 0 to 1."""
     count = max(2, math.ceil(duration / _STEP) + 1)
     u = np.linspace(0.0, 1.0, count)
-    rise, area = u**3 * (10.0 + u * (6.0 * u - 15.0)), u**4 * (2.5 + u * (u - 3.0))  # and its integral
-    slope, bend = 30.0 * u**2 * (1.0 - u) ** 2 / duration, 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / duration**2
-    sign = -1.0 if stops else 1.0
-    pace = (1.0 - rise if stops else rise)[:, None]
-    change, second = sign * slope[:, None], sign * bend[:, None]
-    place, p1, p2, p3, _ = _rates(reference, progress + duration * (u - area if stops else area))
+    course = _course(u, duration, stops=stops)
+    pace, change, second, _ = course[1:, :, np.newaxis]
+    place, p1, p2, p3, _ = _rates(reference, progress + course[0])
     acceleration = p2 * pace**2 + p1 * change
     jerk = p3 * pace**3 + 3.0 * p2 * pace * change + p1 * second
     rates = np.array([place, p1 * pace, acceleration, jerk])

@@ -75,7 +75,7 @@ class Performance:
         self._indices = [self._names.index(drone.name) for drone in plan.drones]
         self._references = {index: prepared.references[self._names[index]] for index in self._indices}
         self._tubes = {self._names.index(drone.name): drone.tube.radius for drone in plan.drones}
-        self._change = prepared.change
+        self._stopping, self._starting = prepared.stop, prepared.start  # s
         for index, reference in self._references.items():
             pilot.require_room(f"the reference of {self._names[index]}", reference)
         self._given: dict[int, Trajectory] = {}  # the references that are flown
@@ -237,8 +237,8 @@ class Performance:
             self._make = lambda index: self._references[index].shifted(origin)
         else:
             progress = self._progress
-            origin = begin + self._change / 2.0 - progress
-            self._make = lambda index: resumed(self._references[index], progress, begin, self._change)
+            origin = begin + self._starting / 2.0 - progress
+            self._make = lambda index: resumed(self._references[index], progress, begin, self._starting)
         self._pilot.traffic.prove(self._kept())
         self._outside = math.inf
         self._given.clear()
@@ -251,11 +251,11 @@ class Performance:
 
         def make(index: int) -> Trajectory:
             flown = before.get(index)
-            return braked(self._references[index].shifted(origin) if flown is None else flown, begin, self._change)
+            return braked(self._references[index].shifted(origin) if flown is None else flown, begin, self._stopping)
 
         self._make = make
-        self.phase, self._until = Phase.STOPPING, begin + self._change
-        self._progress = float(np.clip(begin + self._change / 2.0 - origin, 0.0, self.plan.duration))
+        self.phase, self._until = Phase.STOPPING, begin + self._stopping
+        self._progress = float(np.clip(begin + self._stopping / 2.0 - origin, 0.0, self.plan.duration))
 
     def _begin(self, now: float) -> float:
         """Let all get new references; return from when on they differ from the old ones, s."""

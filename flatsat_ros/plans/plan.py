@@ -45,8 +45,9 @@ _DISTANCE_STEP = 10**5  # nm: distances are stated in tenths of a millimetre, ro
 _HEADER = """\
 # A flatsat_ros plan: references for drones, and what is proved about them. `plan --verify` proves it again.
 # limits: the input set that it was made for; thrust m/s^2, tilt rad, gravity m/s^2
-# bounds: margin of accelerations to that set m/s^2, jerk m/s^3, snap m/s^4, speed m/s and acceleration m/s^2
-#   (null: not bounded), and the box of the references, m, world frame
+# bounds: margin to that set m/s^2, within thrust_max and thrust_min m/s^2 (null: of the set itself), that is kept by
+#   acceleration + drag velocity + lead (jerk + drag acceleration), drag 1/s and lead s, horizontal and vertical;
+#   jerk m/s^3, snap m/s^4, speed m/s and acceleration m/s^2 (null: not bounded); the box of the references, m
 # downwash: distances are |(dx, dy, dz / downwash)|; clearance m: kept beside bodies and tubes
 # drones: body and tube are radii, m; a tube is how far the drone may be off its reference. Source "given": the user
 #   stated the radius, nothing proves it; "certificate": that proves it for jerk and snap up to a tenth above the
@@ -64,7 +65,10 @@ _ROOT = (
     "obstacles", "passages", "provenance", "hash",
 )  # fmt: skip
 _LIMITS = ("thrust_max", "tilt_max", "gravity", "thrust_min")
-_BOUNDS = ("margin", "jerk_max", "snap_max", "speed_max", "acceleration_max", "lower", "upper")
+_BOUNDS = (
+    "margin", "jerk_max", "snap_max", "speed_max", "acceleration_max", "thrust_max", "thrust_min", "drag", "lead",
+    "lower", "upper",
+)  # fmt: skip
 
 
 def require_downwash(name: str, value: object, unit: str) -> float:
@@ -326,6 +330,7 @@ class Plan:
     def to_document(self) -> dict[str, Any]:
         """Return the plan as plain mappings, lists, text and numbers, the form of the YAML file."""
         bounds = {name: getattr(self.bounds, name) for name in _BOUNDS}
+        bounds |= {name: list(getattr(self.bounds, name)) for name in ("drag", "lead")}
         document = {
             "flatsat_plan": FORMAT,
             "name": self.name,

@@ -29,12 +29,14 @@ class PreparedPlan:
     Attributes:
         plan: verified.
         references: by drone, from time 0 on.
-        change: how long a change of pace takes, s.
+        stop: how long all take to stand still, s.
+        start: how long they take to set out again, s.
     """
 
     plan: Plan
     references: Mapping[str, Trajectory]
-    change: float
+    stop: float
+    start: float
 
     @classmethod
     def of(cls, plan: Plan) -> PreparedPlan:
@@ -43,7 +45,8 @@ class PreparedPlan:
         ways = list(references.values())
         if plan.laps is not None:  # a change of pace looks the same in every lap
             ways = [repeated(drone.curve.trajectory(), 2) for drone in plan.drones]
-        return cls(plan, references, change_duration(ways))
+        stop, start = (change_duration(ways, plan.bounds, plan.limits, stops=stops) for stops in (True, False))
+        return cls(plan, references, stop, start)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], certificate: Certificate) -> PreparedPlan:

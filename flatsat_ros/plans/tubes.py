@@ -3,9 +3,9 @@
 The flight section of a certificate holds for references that ask for no more than it assumes. Where a plan has wider
 bounds of jerk and snap, the same proof is computed for these. A tenth is set aside for changes of pace, see `pacing`.
 
-The margin that the proof needs is that of f (`flight.preview`), which drag and lead move away from the acceleration by
-at most drag |v| + lead (|j| + drag |a|). So much more margin is asked of accelerations where references are planned,
-and where a plan is taken the margin of its f is looked at.
+The margin that the proof needs is that of f (`plans.bounds`), for the models that the controller leads references
+for. Of it, too, a tenth of what may be asked for is set aside, and where the models' delays differ what the vertical
+part of f can have moved in between.
 """
 
 from __future__ import annotations
@@ -14,11 +14,13 @@ import math
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight import Flight
-from flatsat_ros.flight.preview import needed_margin
-from flatsat_ros.flight.trajectory import Trajectory
+from flatsat_ros.flight.preview import led_for
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.plans.bounds import Bounds
 from flatsat_ros.plans.drone import Tube
@@ -28,47 +30,34 @@ from flatsat_ros.plans.plan import Plan
 RESERVE = EXCESS  # what references ask for at a change of pace, over the bounds of the plan
 _STEP = 1e4  # 1/m: radii are stated in tenths of a millimetre, rounded up
 _CERTIFICATE = "certificate"
-_SPEED_SHARE = 0.5  # of what the margin and the jerk leave to move with, for holding the speed against drag
+_JERK, _SNAP, _TUBE = 2.0, 20.0, 0.05  # m/s^3, m/s^4, m, where nothing is proved
 
 
-class Usual(NamedTuple):
-    """Bounds of references if nothing else is asked for.
+class Promise(NamedTuple):
+    """What references keep, and the tube that goes with it.
 
     Attributes:
-        margin: of accelerations in the input set, m/s^2.
-        jerk: m/s^3.
-        snap: m/s^4.
-        acceleration: m/s^2; None for no bound beside the margin.
-        speed: m/s; None for no bound.
+        bounds: of the references.
+        tube: of each drone.
     """
 
-    margin: float
-    jerk: float
-    snap: float
-    acceleration: float | None = None
-    speed: float | None = None
+    bounds: Bounds
+    tube: Tube
 
 
-def certified_tube(flight: Flight, limits: InputSet, jerk_max: float, snap_max: float, downwash: float) -> Tube:
-    """Return the tube, in the downwash metric, of references with these bounds; a second of computation at most.
-
-    Args:
-        flight: section of the certificate.
-        limits: the input set of the certificate.
-        jerk_max: of the plan, m/s^3; changes of pace may ask for a tenth more.
-        snap_max: likewise, m/s^4.
-        downwash: heights count by its inverse.
-
-    Raises:
-        FlatsatError: nothing is proved for these bounds.
-    """
-    sides, upright = (axis.tube.position for axis in _proved(flight, limits, jerk_max, snap_max).axes)
+def _tube(proved: Flight, downwash: float) -> Tube:
+    """Return the tube of a section in the downwash metric."""
+    sides, upright = (axis.tube.position for axis in proved.axes)
     radius = math.hypot(sides, upright / downwash)
     return Tube(math.ceil(radius * _STEP) / _STEP, _CERTIFICATE)
 
 
 def _proved(flight: Flight, limits: InputSet, jerk_max: float, snap_max: float) -> Flight:
-    """Return the section with tubes of references with these bounds; else as `certified_tube`."""
+    """Return the section with tubes of references with these bounds; a second of computation at most.
+
+    Raises:
+        FlatsatError: nothing is proved for them.
+    """
     jerk, snap = RESERVE * jerk_max, RESERVE * snap_max
     assumed = flight.assumptions
     if jerk <= assumed.jerk and snap <= assumed.snap:
@@ -87,35 +76,76 @@ def _proved(flight: Flight, limits: InputSet, jerk_max: float, snap_max: float) 
     return found
 
 
-def default_bounds(certificate: Certificate, speed: float | None = None) -> Usual:
-    """Return what references shall keep if nothing else is asked for.
-
-    With a flight section that is what it assumes, less what changes of pace ask for beside; without one, the margin
-    alone bounds accelerations.
+def promise(
+    certificate: Certificate,
+    lower: ArrayLike,
+    upper: ArrayLike,
+    *,
+    downwash: float,
+    tube: float | None = None,
+    margin: float | None = None,
+    jerk_max: float | None = None,
+    snap_max: float | None = None,
+    speed_max: float | None = None,
+) -> Promise:
+    """Return what references shall keep, and the tube that the certificate proves for it.
 
     Args:
         certificate: of the tubes.
-        speed: that is asked for, m/s.
+        lower: (3,) m, corner of the box of the references.
+        upper: (3,) m, the other one.
+        downwash: heights count by its inverse.
+        tube: radius, m, that the user states: nothing is assumed for it, nor proved. None for what is proved, or 0.05
+            without a flight section.
+        margin: m/s^2; None for what the flight section needs, or half the radius of the ball around hover.
+        jerk_max: m/s^3; None for what it assumes, or 2.
+        snap_max: m/s^4; None for what it assumes, or 20.
+        speed_max: m/s; None for no bound.
 
     Raises:
-        FlatsatError: the speed leaves no acceleration.
+        FlatsatError: nothing is proved for these bounds.
     """
-    flight = certificate.flight
+    flight, limits = certificate.flight, certificate.limits
+    usual = (limits.inner_radius / 2.0, _JERK, _SNAP)
+    if flight is not None:
+        assumed = flight.assumptions
+        usual = (limits.inner_radius / 2.0, assumed.jerk / RESERVE, assumed.snap / RESERVE)
+    wanted = zip(usual, (margin, jerk_max, snap_max), strict=True)
+    figures = [own if given is None else given for own, given in wanted]
+    bounds = Bounds(figures[0], figures[1], figures[2], np.asarray(lower), np.asarray(upper), speed_max)
     if flight is None:
-        return Usual(certificate.limits.inner_radius / 2.0, 2.0, 20.0, None, speed)
-    radius, assumed = flight.room(certificate.limits).inner_radius, flight.assumptions
-    jerk, acceleration = assumed.jerk / RESERVE, flight.acceleration / RESERVE
-    models = [axis.design.model for axis in flight.axes]
-    drag, lead = max(model.drag + model.tilt for model in models), max(model.lead for model in models)
-    left = (radius - flight.margin) / RESERVE - lead * (jerk + drag * (acceleration if drag else 0.0))
-    if drag:
-        speed = speed or _SPEED_SHARE * left / drag
-        if not drag * speed < left:
-            valid = f"below {left / drag:.3g}: to hold it against drag takes all that the certificate's margin leaves"
-            raise refusal("speed_max", speed, "m/s", valid)
-        left -= drag * speed
-    bound = acceleration if math.isfinite(acceleration) else None
-    return Usual(radius - left, jerk, assumed.snap / RESERVE, bound, speed)
+        return Promise(bounds, Tube(_TUBE if tube is None else tube))
+    drag, lead = led_for(flight)
+    bounds, room = replace(bounds, drag=drag, lead=lead), limits
+    if tube is None:
+        proved = _proved(flight, limits, bounds.jerk_max, bounds.snap_max)
+        room, most = proved.room(limits), flight.acceleration / RESERVE
+        bounds = replace(
+            bounds, acceleration_max=most if math.isfinite(most) else None, thrust_max=room.thrust_max,
+            thrust_min=room.thrust_min,
+        )  # fmt: skip
+    least = least_margin(flight, room, bounds)
+    bounds = replace(bounds, margin=least if margin is None else margin)
+    if tube is not None:
+        return Promise(bounds, Tube(tube))
+    require_margin(bounds, flight, room)
+    return Promise(bounds, _tube(proved, downwash))
+
+
+def least_margin(flight: Flight, room: InputSet, bounds: Bounds) -> float:
+    """Return the margin in the room that f must keep, m/s^2, so that the section's is kept at changes of pace, too.
+
+    Args:
+        flight: the section.
+        room: `Flight.room` of it.
+        bounds: of the references; their margin does not matter.
+    """
+    sides, upright = (axis.design.model for axis in flight.axes)
+    apart, (_, drag), (_, lead) = abs(sides.delay - upright.delay), bounds.drag, bounds.lead
+    turning = abs(drag) * (bounds.acceleration_max or 0.0)  # without a bound of accelerations nothing is claimed
+    moving = bounds.jerk_max + turning + lead * (bounds.snap_max + abs(drag) * bounds.jerk_max)
+    radius = room.inner_radius
+    return radius - (radius - flight.margin) / RESERVE + apart * moving
 
 
 def require_tubes(plan: Plan, certificate: Certificate) -> None:
@@ -134,41 +164,41 @@ def require_tubes(plan: Plan, certificate: Certificate) -> None:
             f"plan {plan.name!r}: its tubes are those of certificate {plan.certificate!r}, but "
             f"{certificate.name!r} has no flight section, which proves tubes"
         )
-    require_margin(bounds, flight)
     limits = certificate.limits
-    proved = certified_tube(flight, limits, bounds.jerk_max, bounds.snap_max, plan.downwash)
-    flown = _proved(flight, limits, bounds.jerk_max, bounds.snap_max)
+    proved = _proved(flight, limits, bounds.jerk_max, bounds.snap_max)
+    room = proved.room(limits)
+    for name, ours, theirs in zip(("drag", "lead"), (bounds.drag, bounds.lead), led_for(flight), strict=True):
+        if ours != theirs:
+            raise refusal(f"plan {plan.name!r}: {name}", ours, "", f"{theirs}, of certificate {certificate.name!r}")
+    held = bounds.room(limits)
+    for name, beyond in (
+        ("thrust_max", held.thrust_max > room.thrust_max), ("thrust_min", held.thrust_min < room.thrust_min),
+    ):  # fmt: skip
+        if beyond:
+            valid = f"{getattr(room, name):.6g}, which the certificate leaves to references"
+            raise refusal(f"plan {plan.name!r}: {name}", getattr(held, name), "m/s^2", valid)
+    most = flight.acceleration / RESERVE
+    if math.isfinite(most) and not (bounds.acceleration_max or math.inf) <= most:
+        valid = f"at most {most:g}, a tenth less than the certificate assumes"
+        raise refusal(f"plan {plan.name!r}: acceleration_max", bounds.acceleration_max, "m/s^2", valid)
+    require_margin(bounds, flight, room)
+    tube = _tube(proved, plan.downwash)
     for drone in drones:
-        if drone.tube.radius < proved.radius:
+        if drone.tube.radius < tube.radius:
             what = f"plan {plan.name!r}: tube of {drone.name}"
-            valid = f"at least {proved.radius:.4f} m, which certificate {certificate.name!r} proves for its bounds"
+            valid = f"at least {tube.radius:.4f} m, which certificate {certificate.name!r} proves for its bounds"
             raise refusal(what, drone.tube.radius, "m", valid)
-        path = plan.trajectory(drone.name)
-        require_acceleration(drone.name, path, flight)
-        margin = needed_margin(path, limits, flown)
-        if margin < flight.margin:
-            what = f"margin of what the reference of {drone.name} asks the law for, with its drag and lead,"
-            valid = f"at least {flight.margin:g}, which the certificate needs: take a larger margin or a smaller speed"
-            raise refusal(what, round(margin, 4), "m/s^2", valid)
 
 
-def require_margin(bounds: Bounds, flight: Flight) -> None:
-    """Refuse bounds with which references keep less margin than a flight section assumes.
+def require_margin(bounds: Bounds, flight: Flight, room: InputSet) -> None:
+    """Refuse bounds with which references keep less margin in the room than a flight section needs.
 
     Raises:
         FlatsatError: they do.
     """
-    if bounds.margin < flight.margin:
-        raise refusal("margin", bounds.margin, "m/s^2", f"at least {flight.margin:g}, which the certificate assumes")
-
-
-def require_acceleration(name: str, path: Trajectory, flight: Flight) -> None:
-    """Refuse a reference that accelerates more than a flight section assumes, if its drones have drag.
-
-    Raises:
-        FlatsatError: it does; the text names the drone.
-    """
-    asked = float(path.demand()[0].max())
-    if asked > flight.acceleration:
-        valid = f"at most {flight.acceleration:g}, which the certificate assumes: take a larger margin"
-        raise refusal(f"acceleration of the reference of {name}", asked, "m/s^2", valid)
+    least = least_margin(flight, room, bounds)
+    if bounds.margin < least:
+        raise refusal(
+            "margin", bounds.margin, "m/s^2",
+            f"at least {least:.6g}, of which the certificate needs {flight.margin:g} and changes of pace the rest",
+        )  # fmt: skip

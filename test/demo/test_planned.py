@@ -18,8 +18,8 @@ from flatsat_ros.demo.scenario import planned, record_of
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.planning import Round
-from flatsat_ros.plans import Bounds, Curve, Plan, PlannedDrone, Tube
-from flatsat_ros.plans.tubes import certified_tube, default_bounds
+from flatsat_ros.plans import Curve, Plan, PlannedDrone
+from flatsat_ros.plans.tubes import promise
 
 CERTIFICATE = load_certificate(FLIGHT_CERTIFICATE)
 
@@ -34,14 +34,11 @@ def loaded(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def save(path: Path, *places: tuple[float, float, float]) -> Path:
     """A plan in which drones move by 0.3 m along y in 6 s."""
-    margin, jerk, snap, *_ = default_bounds(CERTIFICATE)
+    bounds, tube = promise(CERTIFICATE, [-1.0, -1.0, 0.0], [30.0, 1.0, 3.0], downwash=2.0)
     share = np.clip((np.arange(13) - 3) / 6, 0.0, 1.0)[:, np.newaxis]
     moved = share * share * (3 - 2 * share) * np.array([0.0, 0.3, 0.0])
-    assert CERTIFICATE.flight is not None
-    tube: Tube = certified_tube(CERTIFICATE.flight, CERTIFICATE.limits, jerk, snap, 2.0)
     curves = [Curve.rounded([750_000 * i for i in range(9)], np.array(place) + moved) for place in places]
     drones = [PlannedDrone(f"cf{i}", curve, 0.1, tube) for i, curve in enumerate(curves, 1)]
-    bounds = Bounds(margin, jerk, snap, np.array([-1.0, -1.0, 0.0]), np.array([30.0, 1.0, 3.0]))
     Plan.of(drones, name="b", certificate=CERTIFICATE.name, limits=CERTIFICATE.limits, bounds=bounds).save(path)
     return path
 

@@ -13,20 +13,19 @@ from flatsat_ros.base.strict_yaml import read_yaml
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.falsification import plans
 from flatsat_ros.falsification.plans import attack, report, tasks
-from flatsat_ros.plans import Bounds, Curve, Plan, PlannedDrone, Tube
-from flatsat_ros.plans.tubes import certified_tube, default_bounds
+from flatsat_ros.plans import Curve, Plan, PlannedDrone, Tube
+from flatsat_ros.plans.tubes import promise
 
 FLYING = Certificate.from_document(read_yaml(config_path("cf21_flight_50hz")))  # not proved again here
 
 
 def plan_of(tube: Tube) -> Plan:
     """Two drones that move side by side by 0.2 m in 4 s."""
-    margin, jerk, snap, *_ = default_bounds(FLYING)
+    bounds, _ = promise(FLYING, [-1.0, -1.0, 0.0], [3.0, 1.0, 3.0], downwash=2.0)
     share = np.clip((np.arange(13) - 3) / 6, 0.0, 1.0)[:, np.newaxis]
     moved = share * share * (3 - 2 * share) * np.array([0.0, 0.1, 0.0])
     curves = [Curve.rounded([500_000 * i for i in range(9)], np.array([x, 0.0, 1.0]) + moved) for x in (0.0, 0.5)]
     drones = [PlannedDrone(f"cf{i}", curve, 0.15, tube) for i, curve in enumerate(curves, 1)]
-    bounds = Bounds(margin, jerk, snap, np.array([-1.0, -1.0, 0.0]), np.array([3.0, 1.0, 3.0]))
     plan = Plan.of(drones, name="side", certificate=FLYING.name, limits=FLYING.limits, bounds=bounds)
     plan.verify()
     return plan
@@ -34,9 +33,7 @@ def plan_of(tube: Tube) -> Plan:
 
 @pytest.fixture(scope="module")
 def tube() -> Tube:
-    assert FLYING.flight is not None
-    _, jerk, snap, *_ = default_bounds(FLYING)
-    return certified_tube(FLYING.flight, FLYING.limits, jerk, snap, 2.0)
+    return promise(FLYING, [-1.0, -1.0, 0.0], [3.0, 1.0, 3.0], downwash=2.0).tube
 
 
 def test_no_attack_succeeds_and_smaller_tubes_are_left(tube: Tube, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,6 +20,8 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.strict_yaml import read_yaml, write_yaml
 from flatsat_ros.certificate.certificate import load_certificate
+from flatsat_ros.flight.preview import asked_of_the_law
+from flatsat_ros.flight.trajectory import nearest
 from flatsat_ros.plans import Bounds, Box, Curve, Plan, PlannedDrone, Tube, Waypoint, closest
 from flatsat_ros.plans.curve import UNIT
 from flatsat_ros.plans.plan import _digest
@@ -199,10 +201,10 @@ def test_heights_count_by_the_downwash() -> None:
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"margin": 1.2}, "'cf1: acceleration, tilt_max' fails by .* m/s^2 in the span from t = "),
+        ({"margin": 1.2}, "'cf1: margin, tilt_max' fails by .* m/s^2 in the span from t = "),
         ({"jerk_max": 0.5}, "'cf1: jerk' fails by .* m/s^3 in the span from t = "),
         ({"snap_max": 1.0}, "'cf1: snap' fails by .* m/s^4"),
-        ({"acceleration_max": 0.1}, "'cf1: acceleration, acceleration_max' fails by .* m/s^2 in"),
+        ({"acceleration_max": 0.1}, "'cf1: acceleration' fails by .* m/s^2 in"),
         ({"speed_max": 0.6}, "'cf1: speed' fails by .* m/s in"),
         ({"upper": [3.0, 0.4, 2.0]}, "'cf1: box, upper y' fails by 0.04.* m "),
         ({"margin": 2.0}, "margin = 2.0 m/s^2: must be below 1.70349 m/s^2"),
@@ -218,12 +220,35 @@ def test_a_limit_holds_just_beyond_what_its_slack_leaves_and_not_within(name: st
     curve = straight((0, 0, 1), (2, 0, 1), 6.0, (0, 0.5, 0.2))
     bounds = replace(BOUNDS, speed_max=2.0, acceleration_max=2.0)
     claims = {claim.name: claim.slack for claim in bounds.claims(curve, CERTIFICATE.limits)}
-    known = {"margin": "acceleration, tilt_max", "acceleration_max": "acceleration, acceleration_max"}
+    known = {"margin": "margin, tilt_max", "acceleration_max": "acceleration"}
     slack = claims[known.get(name, name.removesuffix("_max"))]
     change = slack if name == "margin" else -slack
     for share, holds in ((0.999, True), (1.001, False)):
         other = replace(bounds, **{name: getattr(bounds, name) + share * change})
         assert all(claim.slack >= 0.0 for claim in other.claims(curve, CERTIFICATE.limits)) == holds
+
+
+@given(drag=st.floats(-0.5, 1.0), lead=st.floats(0.0, 0.5), other=st.floats(0.0, 0.7))
+@settings(max_examples=20)
+def test_what_the_law_is_asked_for_keeps_just_the_margin_that_is_proved(drag: float, lead: float, other: float) -> None:
+    curve = straight((0, 0, 1), (2, 0, 1.5), 6.0, (0, 0.5, 0.2))
+    drags, leads = (drag, other), (lead, lead / 2)
+    bounds = replace(BOUNDS, margin=1e-3, drag=drags, lead=leads, thrust_max=12.0, thrust_min=9.0)
+    room = bounds.room(CERTIFICATE.limits)
+    assert (room.thrust_max, room.thrust_min) == (12.0, 9.0)
+    slacks = [claim.slack for claim in bounds.claims(curve, CERTIFICATE.limits) if claim.name.startswith("margin")]
+    assert len(slacks) == 3
+    spline, t = as_scipy(curve), np.linspace(0.0, 6.0, 997)
+    v, a, j = (spline(t, order) for order in (1, 2, 3))
+    drag_xyz, lead_xyz = (np.array([pair[0], *pair]) for pair in (drags, leads))
+    asked = a + drag_xyz * v + lead_xyz * (j + drag_xyz * a)
+    kept = float(room.margin(asked).min()) - bounds.margin
+    assert kept - 0.2 < min(slacks) <= kept + 1e-6  # control points lie a little outside
+    f = asked_of_the_law(curve.trajectory(), drags, leads)
+    assert min(slacks) <= nearest(f, np.array(curve.knots) / 1e6, room).distance - bounds.margin + 1e-6
+    exact = curve.fixed_sum(bounds.asked, "f") / UNIT
+    assert exact[:, 0] == pytest.approx(f[:, 0], abs=1e-6)
+    assert exact[:-1, -1] == pytest.approx(f[1:, 0], abs=1e-6)
 
 
 def test_all_limits_are_kept_at_samples(crossing: Plan) -> None:
