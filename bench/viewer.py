@@ -8,12 +8,13 @@ from __future__ import annotations
 import http.client
 import json
 import re
+import socket
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -271,27 +272,36 @@ def _rounds(
 
 @contextmanager
 def _following(log: Path) -> Iterator[list[int]]:
-    """Follow the stream that a console's log names, as a page does; yields sizes of the pictures that come."""
+    """Follow the stream that a console's log names, as a page does; yields sizes of the pictures that come.
+
+    Raises:
+        FlatsatError: the log names no address, or the stream ended by itself or brought what is no picture.
+    """
     found = re.search(r"http://([\d.]+:\d+)", log.read_text(encoding="utf-8"))
     if found is None:
         raise FlatsatError(f"{log} names no address")
-    connection = http.client.HTTPConnection(found[1], timeout=10.0)
-    connection.request("GET", "/events")
-    answer = connection.getresponse()
-    pictures: list[int] = []
-
-    def read() -> None:
+    with closing(http.client.HTTPConnection(found[1], timeout=10.0)) as connection, ThreadPoolExecutor(1) as pool:
+        connection.connect()
+        line = connection.sock
+        connection.request("GET", "/events")
+        answer = connection.getresponse()  # has the connection from now on
+        pictures: list[int] = []
+        reader = pool.submit(_read_pictures, answer, pictures)
         try:
-            while line := answer.readline():
-                if line.startswith(b"data: ") and json.loads(line[6:])["drones"]:
-                    pictures.append(len(line))
-        except (OSError, ValueError, AttributeError):
-            pass  # it was closed
+            yield pictures
+            if reader.done():
+                reader.result()
+                raise FlatsatError("the console's stream ended by itself")
+        finally:
+            with suppress(OSError):  # the console closed it
+                line.shutdown(socket.SHUT_RDWR)  # for who reads it the stream ends, which is no error
+            reader.exception()
+            answer.close()
+        reader.result()
 
-    reader = threading.Thread(target=read, daemon=True)
-    reader.start()
-    try:
-        yield pictures
-    finally:
-        connection.close()
-        answer.close()
+
+def _read_pictures(stream: http.client.HTTPResponse, pictures: list[int]) -> None:
+    """Note the sizes of the pictures of drones to the end of a stream; its last line may be a part of one."""
+    while (line := stream.readline()).endswith(b"\n"):
+        if line.startswith(b"data: ") and json.loads(line[6:])["drones"]:
+            pictures.append(len(line))
