@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 import rclpy
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from visualization_msgs.msg import Marker, MarkerArray
 
 from flatsat_ros.base.strict_yaml import read_yaml
@@ -65,6 +67,24 @@ def test_a_box_has_twelve_edges() -> None:
 
 def test_the_set_up_for_rviz_listens_to_the_markers() -> None:
     path = Path(__file__).resolve().parents[2] / "config" / "viewer" / "flatsat.rviz"
-    displays = read_yaml(path)["Visualization Manager"]["Displays"]  # type: ignore[index]
-    topics = [display["Topic"]["Value"] for display in displays if "Topic" in display]
-    assert topics == [f"/{interfaces.MARKERS.suffix}"]
+    configuration = read_yaml(path)
+    manager: dict[str, Any] = configuration["Visualization Manager"]  # type: ignore[index]
+    panels = configuration["Panels"]  # type: ignore[index]
+    plugins = [*manager["Displays"], *manager["Tools"], manager["Views"]["Current"]]
+    # as rviz_common and rviz_default_plugins of Jazzy call them; what they do not know is left out by RViz in silence
+    assert {panel["Class"] for panel in panels} <= {"rviz_common/Displays", "rviz_common/Views"}  # type: ignore[union-attr]
+    assert {plugin["Class"].removeprefix("rviz_default_plugins/") for plugin in plugins} == {
+        "Grid",
+        "MarkerArray",
+        "MoveCamera",
+        "Orbit",
+    }
+    assert all(display["Enabled"] and display["Value"] for display in manager["Displays"])
+    frames = [manager["Global Options"]["Fixed Frame"], manager["Views"]["Current"]["Target Frame"]]
+    assert frames == ["world"] * 2
+    (topic,) = [display["Topic"] for display in manager["Displays"] if "Topic" in display]
+    offered = interfaces.MARKERS.publish
+    words = {"Volatile": DurabilityPolicy.VOLATILE, "Reliable": ReliabilityPolicy.RELIABLE}
+    assert topic["Value"] == f"/{interfaces.MARKERS.suffix}"
+    assert words[topic["Durability Policy"]] == offered.durability
+    assert words[topic["Reliability Policy"]] == offered.reliability
