@@ -53,6 +53,7 @@ def _paths(record: FlightRecord) -> Figure:
             grid[axis].plot(times, reference[:, i], **_REFERENCE)
     grid["top"].set(title="From above (dotted: references)", xlabel="x, m", ylabel="y, m", aspect="equal")
     grid["top"].legend(loc="lower center", bbox_to_anchor=(0.5, -0.22), ncols=len(record.robots))
+    grid["x"].set_title("Over time (shaded: the swap)")
     for axis in "xyz":
         grid[axis].set_ylabel(f"{axis}, m")
         _finish(grid[axis], record, last=axis == "z")
@@ -69,14 +70,14 @@ def _gain(record: FlightRecord) -> Figure:
         gain.plot(robot.ticks[flying, 0], robot.column("gamma")[flying], **line)
         lyapunov.semilogy(robot.ticks[flying, 0], robot.column("V")[flying], **line)
     gain.axhline(record.gain_max, **LIMIT)
-    gain.set(ylabel=r"gain $\gamma$", title="Gain and Lyapunov function (dashed: limits)")
+    gain.set(ylabel=r"gain $\gamma$", title="Gain and Lyapunov function (dashed: limits; shaded: the swap)")
     gain.legend(loc="center right")
     lyapunov.set_ylim(top=5.0 * max(record.level, *(r.column("V").max() for r in record.robots.values())))
     lyapunov.axhline(record.level, **LIMIT)
     lyapunov.text(0.01, record.level, r" $\varepsilon$", transform=lyapunov.get_yaxis_transform(), va="bottom")
     lyapunov.axhline(record.threshold, **LIMIT)
     lyapunov.text(0.01, record.threshold, r" $V_\infty$", transform=lyapunov.get_yaxis_transform(), va="bottom")
-    lyapunov.set_ylabel("V")
+    lyapunov.set_ylabel("$V$")
     _finish(gain, record)
     _finish(lyapunov, record, last=True)
     return figure
@@ -97,7 +98,7 @@ def _inputs(record: FlightRecord) -> Figure:
             axes.axhline(bound, **LIMIT)
         axes.set_ylabel(label)
         _finish(axes, record, last=i == 2)
-    rows[0].set_title("Commands on the wire (dashed: limits)")
+    rows[0].set_title("Commands on the wire (dashed: limits; shaded: the swap)")
     rows[0].legend(loc="center", ncols=3)
     return figure
 

@@ -117,7 +117,7 @@ def _histogram(axes: Axes, identified: Identified, name: str) -> None:
     grid = np.linspace(-6.0, 6.0, 121)
     axes.hist(np.clip(values, -6.0, 6.0), grid[::2].tolist(), density=True, color="C0", alpha=0.6)
     axes.plot(grid, np.exp(-0.5 * grid**2) / np.sqrt(2.0 * np.pi), "C1")
-    shown = f"{np.rad2deg(scale):.3g} deg" if name == "attitude" else f"{1e3 * scale:.3g} mm"
+    shown = f"{np.rad2deg(scale):.3g}°" if name == "attitude" else f"{1e3 * scale:.3g} mm"
     axes.set(title=f"{name} residuals in units of {shown}", yscale="log", ylim=(1e-4, 2.0))
 
 

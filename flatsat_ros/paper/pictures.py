@@ -90,7 +90,7 @@ def _study_1_gain(runs: Runs, labels: list[str]) -> Figure:
     _threshold(lyapunov, V_INF, r"$V_\infty$")
     lyapunov.set(title="study 1: Lyapunov function, gain, and the bound of the gain (dashed)", ylim=(1e-3, 4.0))
     lyapunov.legend(ncols=2, fontsize="small")
-    _finish(lyapunov, "V")
+    _finish(lyapunov, "$V$")
     _finish(gain, r"$\gamma$", last=True)
     return figure
 
@@ -168,7 +168,7 @@ def _test_1_gain(runs: Runs, labels: list[str]) -> Figure:
             gain.plot(history.time, history.gain[:, i], color=colour, label=label)
         _threshold(lyapunov, V_INF, r"$V_\infty$")
         _threshold(gain, runs.cap, "cap")
-        _finish(lyapunov, "V")
+        _finish(lyapunov, "$V$")
         _finish(gain, r"$\gamma$", last=True)
     grid[0, 0].set(title="test 1, the paper's law", ylim=(1e-6, 6.0))
     grid[0, 1].set_title(rf"the same with $\gamma \leq$ {runs.cap:.2f}")

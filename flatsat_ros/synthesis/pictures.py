@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 
-from flatsat_ros.base.colours import LIMIT, PICTURES
+from flatsat_ros.base.colours import LIMIT, PICTURES, widths
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.files import replacing
 from flatsat_ros.certificate.certificate import Certificate
@@ -131,7 +131,7 @@ def _caps(axes: Axes, certificate: Certificate) -> None:
         axes.loglog(_PERIODS, caps, label=label)
     axes.plot(certificate.period, certificate.gain_max, "ko", label="this certificate")
     title = f"largest provable gain, delay {1e3 * certificate.delay:.3g} ms"
-    axes.set(xlabel="period h, s", ylabel=r"$\gamma_{max}$", title=title)
+    axes.set(xlabel="period h, s", ylabel=r"$\gamma_\mathrm{max}$", title=title)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter("{x:g}")
         axis.set_minor_formatter(LogFormatter(minor_thresholds=(1.5, 0.5)))
@@ -143,13 +143,13 @@ def _contraction(axes: Axes, certificate: Certificate) -> None:
     """What a period leaves of V, or of W, over the applied gain."""
     timing, low, high = certificate.timing, certificate.gain_min, certificate.gain_max
     gains = np.geomspace(0.7 * low, 1.2 * high, 200)
-    styles = zip(certificate.blocks, certificate.loops, ("x, y", "z"), ("C0-", "C2--"), strict=True)
-    for block, loop, name, style in styles:
+    styles = zip(certificate.blocks, certificate.loops, ("x, y", "z"), ("C0-", "C2--"), widths(2), strict=True)
+    for block, loop, name, style, width in styles:
         left = [timing.contraction(loop, block, float(gain)) for gain in gains]
-        axes.plot(gains, left, style, label=f"at the end of a period, {name}")
+        axes.plot(gains, left, style, lw=width, label=f"at the end of a period, {name}")
         if timing.immediate:
             left = [1.0 + hold_growth(block, timing.period, float(gain)) for gain in gains]
-            axes.plot(gains, left, style, alpha=0.4, label=f"bound within a period, {name}")
+            axes.plot(gains, left, style, lw=width, alpha=0.4, label=f"bound within a period, {name}")
     axes.axhline(1.0, **LIMIT)
     axes.axvspan(low, high, color="C4", alpha=0.2, label="certified gains")
     axes.set(xlabel="applied gain k", ylabel="share of V" if timing.immediate else "share of W", title="contraction")
