@@ -55,6 +55,7 @@ class Console(ProgramNode):
         self._setup: dict[str, Any] = {}
         self._lines: deque[dict[str, Any]] = deque(maxlen=_LINES)
         self._line_number = 0
+        self._began = time.time()  # pages tell by it whose numbers of lines they see
         self._newest: dict[tuple[str, str], tuple[float, bytes]] = {}  # by robot and topic: arrival, s, and message
         self._links: dict[str, tuple[float, dict[str, Any]]] = {}  # by robot: arrival, s, and how its drone says it is
         self._refusals: deque[tuple[float, str]] = deque(maxlen=100)
@@ -172,7 +173,8 @@ class Console(ProgramNode):
                 arrival, link = self._links[robot]
                 drone["link"] = {"age": now - arrival, **link}
             drones.append(drone)
-        picture = {"time": time.time(), "setup": self._setup, "drones": drones, "lines": list(self._lines)}
+        lines = {"began": self._began, "lines": list(self._lines)}
+        picture = {"time": time.time(), "setup": self._setup, "drones": drones, **lines}
         self._stream.publish(json.dumps(plain(picture), allow_nan=False).encode())
 
     # what is asked for

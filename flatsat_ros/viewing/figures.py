@@ -32,7 +32,7 @@ COLUMNS = (
     Column("T max", "m/s²"),
     Column("tilt max", "°"),
     Column("gain max", ""),
-    Column("tick 99 %", "us"),
+    Column("tick 99 %", "\N{MICRO SIGN}s"),
     Column("battery min", "V"),
 )
 

@@ -25,7 +25,7 @@ _SILENCE = 10.0  # s, after which a connection on which nothing comes is closed
 _PATIENCE = 5.0  # s, for what a command brought about
 _KEEP_ALIVE = 2.0  # s: so often something is sent, to notice a browser that has left
 _LOOK = 0.1  # s: so often it is seen whether to end
-_AGAIN = 0.3  # s, after which a browser that has lost the stream asks for it again
+_AGAIN = 0.25  # s, after which a browser that has lost the stream asks for it again
 
 Command = Callable[[dict[str, Any]], "Future[str]"]
 

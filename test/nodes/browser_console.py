@@ -176,6 +176,18 @@ def test_tuning_and_goals_are_taken_or_refused_with_the_reason(lab: Lab) -> None
         console.await_words("cf2/goal_pose: z of the goal = 99.0 m: must be in the box")
         assert console.is_refused()
 
+        # the same by the keyboard alone; where no place is given nobody is sent anywhere
+        sent = page.run("return console_.sent")
+        for part in ("goal-x", "goal-y"):
+            page.find(f"#{part}").clear()
+        height.clear()
+        height.send_keys("0.6", Keys.ENTER)
+        assert page.run("return console_.sent") == sent
+        for part, words in (("goal-x", "0.9"), ("goal-y", "0.2")):
+            page.find(f"#{part}").send_keys(words)
+        page.find("#go").send_keys(Keys.ENTER)
+        console.await_words("cf2 flies to 0.90, 0.20, 0.60 m")
+
         # what a card says is what is told
         page.wait(lambda: "sim_drone" in page.text(".card:nth-child(1)"), "the link")
         card = page.text(".card:nth-child(1)")

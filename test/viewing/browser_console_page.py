@@ -33,12 +33,16 @@ class Teller:
         self.stream = Stream(lambda _: None)
         self.server = ConsoleServer(0, console(), self.stream, self._refuse)
         self.server.serve()
-        self._line = 0
+        self._line, self._began = 0, 0.0
 
     def _refuse(self, wanted: dict[str, Any]) -> Future[str]:
         answer: Future[str] = Future()
         answer.set_exception(ValueError(f"{EVIL} {wanted}"))
         return answer
+
+    def begin_again(self) -> None:
+        """Be a console that has just started, on the same port."""
+        self._line, self._began = 0, self._began + 1.0
 
     def tell(self, names: list[str], setup: dict[str, Any], row: list[float | None]) -> None:
         """Show drones."""
@@ -57,8 +61,8 @@ class Teller:
             }
             for k, name in enumerate(names)
         ]
-        lines = [{"number": self._line, "level": 40, "text": EVIL}]
-        picture = {"time": time.time(), "setup": setup, "drones": drones, "lines": lines}
+        lines = {"began": self._began, "lines": [{"number": self._line, "level": 40, "text": EVIL}]}
+        picture = {"time": time.time(), "setup": setup, "drones": drones, **lines}
         self.stream.publish(json.dumps(picture).encode())
 
 
@@ -75,6 +79,7 @@ def told(size: tuple[int, int]) -> Iterator[tuple[Teller, ConsolePage]]:
 @pytest.mark.parametrize("size", [(1280, 900), PHONE])
 def test_whatever_is_told_the_page_stays_usable(size: tuple[int, int]) -> None:
     names = [f"{EVIL}{number}" if number < 3 else f"cf{number}" for number in range(50)]
+    names[3:5] = ["x" * 120, "crazyflie_" * 12]  # no place to break
     with told(size) as (teller, console_page):
         page = console_page.page
         for setup in SETUPS:
@@ -105,3 +110,37 @@ def test_many_changes_of_the_drones_leave_one_scene_that_is_drawn() -> None:
             page.wait(lambda n=number: page.run("return console_.flight?.drones[0].name") == f"cf{n}", "the next drone")
         assert page.run("return console_.view.renderer.getContext().isContextLost()") is False
         page.require_sound()
+
+
+def test_a_console_that_starts_again_finds_the_page_as_it_was() -> None:
+    with told((1280, 900)) as (teller, console_page):
+        page = console_page.page
+        flying = [0.0] * len(FIELDS)
+        flying[FIELDS.index("mode")] = 2.0
+        setup = {"certificate": "mine", "period": 0.02}
+        teller.tell(["cf1"], setup, flying)
+        console_page.await_modes("FLY")
+        page.run("console_.view.isTheSame = true")
+        logged = page.run("return document.querySelectorAll('#log li').length")
+        teller.begin_again()
+        # it has not heard from the controller yet: to build the page again would take longer than that does
+        teller.tell([], {}, [])
+        page.wait(lambda: "no controller" in page.text("#subtitle"), "that no controller is heard")
+        assert len(console_page.modes()) == 1
+        teller.tell(["cf1"], setup, flying)
+        page.wait(lambda: "mine" in page.text("#subtitle"), "the controller")
+        console_page.await_modes("FLY")
+        assert page.run("return console_.view.isTheSame") is True
+        assert page.run("return document.querySelectorAll('#log li').length") == logged + 2
+        page.require_sound()
+
+
+def test_a_key_that_is_held_down_asks_once() -> None:
+    with told((1280, 900)) as (_, console_page):
+        page = console_page.page
+        for key in (" ", "Escape"):
+            before = page.run("return console_.sent")
+            for repeat in ("false", "true", "true"):
+                how = f"{{key: '{key}', repeat: {repeat}, bubbles: true}}"
+                page.run(f"document.body.dispatchEvent(new KeyboardEvent('keydown', {how}))")
+            assert page.run("return console_.sent") == before + 1

@@ -128,7 +128,8 @@ def test_the_data_are_saved_as_files_that_others_read(flown: Path, tmp_path: Pat
             assert max(len(cell) for line in lines[1:] for cell in line) <= 15  # nobody wants 0.10000000149011612
 
 
-def test_a_recording_that_cannot_be_true_is_shown_all_the_same(tmp_path: Path) -> None:
+@pytest.mark.parametrize("width", WIDTHS)
+def test_a_recording_that_cannot_be_true_is_shown_all_the_same(tmp_path: Path, width: str) -> None:
     times = np.arange(0.0, 10.0, 0.05)
     wild = np.resize([np.nan, np.inf, -1e30, 1e30, 0.5], (times.size, len(FIELDS)))
     tracks = []
@@ -139,24 +140,33 @@ def test_a_recording_that_cannot_be_true_is_shown_all_the_same(tmp_path: Path) -
         turn = np.resize([0.0, np.nan, 0.0, 0.0], (times.size, 4))
         ticks = np.column_stack([times, wild])
         channels = {"pose": Channel(POSE_FIELDS, np.column_stack([place, turn])), "tick": Channel(FIELDS, ticks)}
-        tracks.append(Track(f"<img src=x onerror=document.title=1>{number}", channels))
-    setup = {"box": "<b>", "floor": math.nan, "period": "x", "tube_m": [1], "gain_max": "</script>"}
+        name = f"<img src=x onerror=document.title=1>{number}" if number else "crazyflie_" * 12
+        tracks.append(Track(name, channels))
+    setup = {
+        f"robots.{tracks[0].name}.mu": 1.0,
+        "box": "<b>",
+        "floor": math.nan,
+        "period": "x",
+        "tube_m": [1],
+        "gain_max": "</script>",
+    }
     events = [Event(1.0, "<i>", "error", "<script>document.title=1</script>" * 50), Event(math.nan, "", "odd", "")]
     file = tmp_path / "wild.html"
     file.write_text(report(Flight("<b>wild</b>", tracks, events, setup, ["<b>"])), encoding="utf-8")
-    with browser(f"{file.as_uri()}#5") as page:
+    with browser(f"{file.as_uri()}#5", WIDTHS[width]) as page:
         ready(page)
         assert page.text("#title") == "<b>wild</b>"
         assert page.driver.title == "<b>wild</b> \N{EN DASH} flight report"
         assert page.driver.find_elements("css selector", "img") == []
         for number in range(4):
             page.find(f"#tab{number}").click()
+            assert page.run("return document.documentElement.scrollWidth") <= WIDTHS[width][0]
         page.find("#play").click()
         page.wait(lambda: now(page) > 5.2, "the flight to play")
         page.find("#play").click()
         assert page.run("return report.view.camera.position.length()") < 100.0
         page.find("#tab0").click()
-        page.screenshot("report_wild")
+        page.screenshot(f"report_wild_{width}")
         page.require_sound()
 
 

@@ -66,7 +66,7 @@ class Desk:
         connection = self.connect()
         connection.request("GET", "/events", headers={"Host": self.host})
         answer = connection.getresponse()
-        assert answer.readline() == b"retry: 300\n"
+        assert answer.readline() == b"retry: 250\n"
         assert answer.readline() == b"\n"
         connection.sock = None  # the answer has it, and closes it
         return answer

@@ -2,6 +2,7 @@
 
 const SHOWN = 30; // s, of the curves
 const LOST = 1.5; // s without news, after which the page says so
+const AGAIN = 0.25; // s, after which a page for which there was no room asks again
 const LATE = 0.5; // s, age of a pose that is shown in red
 const SILENT = 3.5; // s, age of what is told of a link once a second, after which it is not shown any more
 const LATECOMERS = 2.0; // s, that the view waits for the poses of all drones
@@ -24,11 +25,15 @@ class ConsolePage {
     this.sent = 0; // commands so far
     this.chosen = 0;
     const find = (id) => document.getElementById(id);
-    this.parts = Object.fromEntries(["subtitle", "scene", "cards", "timeline", "plots", "said", "log", "whose", "sliders", "height", "aim", "aimed"].map((id) => [id, find(id)]));
+    this.parts = Object.fromEntries(["subtitle", "scene", "cards", "timeline", "plots", "said", "log", "whose", "sliders", "goal", "goal-x", "goal-y", "height", "aim", "aimed"].map((id) => [id, find(id)]));
     document.querySelectorAll("header [data-do]").forEach((button) => ConsolePage.guard(button, () => this.send({ do: button.dataset.do, who: "all" })));
     find("look").addEventListener("click", () => this.view && this.view.lookAtAll());
     find("theme").addEventListener("click", () => this.switchTheme());
     this.parts.aim.addEventListener("change", () => this.parts.scene.classList.toggle("aiming", this.parts.aim.checked));
+    this.parts.goal.addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.sendGoal();
+    });
     document.addEventListener("keydown", (event) => this.key(event));
     this.makeSliders();
     this.listen();
@@ -64,9 +69,11 @@ class ConsolePage {
 
   key(event) {
     const isTyping = event.target.matches("input:not([type=checkbox]):not([type=range]), select");
-    if (event.key === "Escape") this.send({ do: "emergency", who: "all" });
+    // a key that is held down asks once
+    const ask = (what) => event.repeat || this.send({ do: what, who: "all" });
+    if (event.key === "Escape") ask("emergency");
     else if (event.key === " " && !isTyping) {
-      this.send({ do: "land", who: "all" });
+      ask("land");
       // a button that still has the focus must not be pressed as well: hold would end the landing
       if (document.activeElement) document.activeElement.blur();
     } else return;
@@ -77,17 +84,18 @@ class ConsolePage {
     const stream = new EventSource("/events");
     stream.onmessage = (message) => this.show(JSON.parse(message.data));
     // a browser tries again by itself, but not where the server had no room for one more page
-    stream.onerror = () => stream.readyState === EventSource.CLOSED && setTimeout(() => this.listen(), 1000 * LOST);
+    stream.onerror = () => stream.readyState === EventSource.CLOSED && setTimeout(() => this.listen(), 1000 * AGAIN);
   }
 
   show(picture) {
     this.heard = this.now();
     const names = picture.drones.map((drone) => drone.name);
-    const isOther = !this.flight || names.join() !== this.flight.drones.map((drone) => drone.name).join();
+    // a console that has just begun knows no drones yet: those that it had stay
+    const isOther = !this.flight || (names.length > 0 && names.join() !== this.flight.drones.map((drone) => drone.name).join());
     // the sender's time: what came late is drawn where it belongs; another sender or clock begins anew
     if (isOther || picture.time - this.origin < this.flight.end) this.build(picture, names);
     this.flight.add(picture.time - this.origin, picture);
-    this.writeLog(picture.lines);
+    this.writeLog(picture);
     this.tell(picture);
     if (this.isDue) return;
     this.isDue = true;
@@ -198,9 +206,19 @@ class ConsolePage {
       if (!this.parts.aim.checked || !down || Math.hypot(event.clientX - down[0], event.clientY - down[1]) > 4) return;
       const box = canvas.getBoundingClientRect();
       const place = view.floorAt((event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height);
-      const drone = this.flight.drones[this.chosen];
-      if (place && drone) this.send({ do: "goal", who: drone.name, position: [place.x, place.y, Number(this.parts.height.value)] });
+      if (!place) return;
+      this.parts["goal-x"].value = place.x.toFixed(2);
+      this.parts["goal-y"].value = place.y.toFixed(2);
+      this.sendGoal();
     });
+  }
+
+  /** Send the chosen drone to where the fields say. */
+  sendGoal() {
+    const drone = this.flight && this.flight.drones[this.chosen];
+    const position = ["goal-x", "goal-y", "height"].map((part) => this.parts[part].valueAsNumber);
+    if (!drone) this.say("no drone is known yet", "refused");
+    else this.send({ do: "goal", who: drone.name, position });
   }
 
   makeSliders() {
@@ -250,7 +268,10 @@ class ConsolePage {
     this.parts.said.className = kind;
   }
 
-  writeLog(lines) {
+  writeLog({ began, lines }) {
+    // a console that starts again counts from its own beginning
+    if (began !== this.began) this.line = 0;
+    this.began = began;
     for (const { number, level, text } of lines) {
       if (number <= this.line) continue;
       this.line = number;
@@ -264,7 +285,6 @@ class ConsolePage {
     const silence = this.now() - this.heard;
     if (silence < LOST) return;
     this.parts.subtitle.textContent = Number.isFinite(silence) ? `nothing heard for ${Math.round(silence)} s: is the console running?` : "connecting…";
-    if (Number.isFinite(silence)) this.line = 0; // a console that starts again counts from its own beginning
   }
 
   switchTheme() {

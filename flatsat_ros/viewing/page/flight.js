@@ -38,6 +38,7 @@ class Channel {
   }
 }
 
+const BELOW = 0.03; // m: a reference so far below all places where the drone was leads into the floor
 const EMPTY = new Channel([], new Float32Array(0), []);
 
 /** One drone: its name and its channels: pose, tick, command, battery. */
@@ -71,6 +72,22 @@ class Drone {
     if (!pose || ticks.at("mode", time) !== 2) return null;
     const place = ["error_x", "error_y", "error_z"].map((field, k) => pose.position[k] - ticks.at(field, time));
     return place.every(Number.isFinite) ? place : null;
+  }
+
+  /**
+   * Tells of each tick, by its index, whether its reference lies below the floor: at the end of a landing it goes on
+   * sinking, and what is told of errors then says nothing of the flight (figures.py leaves it out, too).
+   */
+  sinking() {
+    const ticks = this.channel("tick");
+    const errors = ticks.column("error_z") || [];
+    const heights = this.channel("pose").column("z") || [];
+    const lowest = heights.reduce((low, height) => (height < low ? height : low), Infinity);
+    return (index) => {
+      if (!(errors[index] > BELOW)) return false;
+      const pose = this.poseAt(ticks.times[index]);
+      return pose !== null && pose.position[2] - errors[index] < lowest - BELOW;
+    };
   }
 
   /** Radii of the tube at a time, m, horizontal and vertical; null where none is certified. */

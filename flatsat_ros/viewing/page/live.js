@@ -44,8 +44,8 @@ class LiveFlight extends Flight {
   add(time, picture) {
     this.setup = picture.setup;
     this.duration = time;
-    picture.drones.forEach((told, k) => {
-      const drone = this.drones[k];
+    this.drones.forEach((drone, k) => {
+      const told = picture.drones[k] || {};
       drone.link = told.link;
       for (const [kind, channel] of [["pose", "pose"], ["telemetry", "tick"], ["battery", "battery"]]) {
         const news = told[kind];

@@ -32,6 +32,11 @@ function element(tag, attributes = {}, ...children) {
   return made;
 }
 
+/** A text, cut at its end if it is longer than that many characters: where it stands shortened, the whole is not far. */
+function shortened(text, most) {
+  return text.length > most ? `${text.slice(0, Math.max(1, most - 1))}…` : text;
+}
+
 function written(value, digits = 3) {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";
   if (typeof value !== "number") return String(value);

@@ -3,11 +3,14 @@
 const DEGREES = 180 / Math.PI;
 const SQUARED = (row) => Math.hypot(...row);
 
-/** What is drawn: title, unit, channel, fields, how a row of fields becomes a value, and limits from the setup. */
+/**
+ * What is drawn: title, unit, channel, fields, how a row of fields becomes a value, whether only in flight, whether only
+ * while the reference is above the floor, and limits from the setup.
+ */
 const QUANTITIES = [
-  { title: "Horizontal error", unit: "cm", kind: "tick", fields: ["error_x", "error_y"], value: (row) => 100 * SQUARED(row), flying: true, limits: (s) => [100 * s.tube_m] },
-  { title: "Vertical error", unit: "cm", kind: "tick", fields: ["error_z"], value: ([a]) => 100 * a, flying: true, limits: (s) => [-100 * s.tube_z_m, 100 * s.tube_z_m] },
-  { title: "V / ε", unit: "", kind: "tick", fields: ["V/eps"], flying: true, limits: () => [1] },
+  { title: "Horizontal error", unit: "cm", kind: "tick", fields: ["error_x", "error_y"], value: (row) => 100 * SQUARED(row), flying: true, above: true, limits: (s) => [100 * s.tube_m] },
+  { title: "Vertical error", unit: "cm", kind: "tick", fields: ["error_z"], value: ([a]) => 100 * a, flying: true, above: true, limits: (s) => [-100 * s.tube_z_m, 100 * s.tube_z_m] },
+  { title: "V / ε", unit: "", kind: "tick", fields: ["V/eps"], flying: true, above: true, limits: () => [1] },
   { title: "Gain γ", unit: "", kind: "tick", fields: ["gamma"], limits: (s) => [s.gain_max] },
   { title: "Applied gain k", unit: "", kind: "tick", fields: ["k"], flying: true },
   { title: "Thrust T", unit: "m/s²", kind: "tick", fields: ["T"], limits: (s) => [s.thrust_min, s.thrust_max] },
@@ -38,17 +41,18 @@ function sampled(drone, quantity, times) {
   const values = new Array(times.length).fill(null);
   if (!channel.length || columns.some((column) => !column)) return values;
   const modes = quantity.flying ? channel.column("mode") : null;
+  const isSinking = quantity.above ? drone.sinking() : () => false;
   const value = quantity.value || (([a]) => a);
   const step = times.length > 1 ? times[1] - times[0] : 0;
   let index = Math.max(0, channel.indexAt(times[0]));
   times.forEach((time, k) => {
     let found = null;
     for (let first = true; index < channel.length && channel.times[index] <= time; index += 1, first = false) {
-      if (modes && modes[index] !== 2) continue;
+      if ((modes && modes[index] !== 2) || isSinking(index)) continue;
       const one = value(columns.map((column) => column[index]));
       if (Number.isFinite(one) && (found === null || Math.abs(one) > Math.abs(found))) found = one;
     }
-    const isFresh = index > 0 && time - channel.times[index - 1] < Math.max(0.25, step) && !(modes && modes[index - 1] !== 2);
+    const isFresh = index > 0 && time - channel.times[index - 1] < Math.max(0.25, step) && !(modes && modes[index - 1] !== 2) && !isSinking(index - 1);
     if (found === null && k > 0 && isFresh) found = values[k - 1];
     values[k] = found;
   });
@@ -93,7 +97,7 @@ class Plots {
         legend: { show: false },
         cursor: { drag: { x: true, y: false }, points: { size: 5 }, sync: { key: "flight" } },
         scales: { x: { time: false }, y: { range: (_, low, high) => Plots.range(low, high, limits) } },
-        axes: [{ ...axis, size: 22, values: (_, ticks) => ticks.map((t) => `${t} s`) }, { ...axis, size: 46, values: (_, ticks) => ticks.map((tick) => written(tick, 4)) }],
+        axes: [{ ...axis, size: 22, values: (_, ticks) => ticks.map((t) => `${t} s`) }, { ...axis, size: (_, ticks) => 10 + 6.5 * Math.max(5, ...(ticks || []).map((tick) => tick.length)), values: (_, ticks) => ticks.map((tick) => written(tick, 4)) }],
         series: [
           {},
           ...drones.map((drone, k) => ({ label: drone.name, stroke: colourOf(k), width: 1.4, dash: dashOf(k), spanGaps: false, points: { show: false } })),

@@ -6,6 +6,7 @@ const TRAIL = 8.0; // s
 const TRAIL_POINTS = 240;
 const FAR = 1000; // m: what is further away is no room, but a pose gone wrong
 const LONG = 20; // characters of a label, at most
+const MANY = 12; // drones, from which on labels are smaller
 const LINES = 200; // of the grid, at most
 
 class View3d {
@@ -14,12 +15,15 @@ class View3d {
     this.flight = flight;
     this.chosen = flight.drones.map(() => true);
     this.renderer = new vendor.WebGLRenderer({ antialias: true, alpha: true, preserveDrawingBuffer: true });
+    const canvas = this.renderer.domElement;
+    canvas.setAttribute("role", "img");
+    canvas.setAttribute("aria-label", "the drones in space, with trails, references and tubes");
     this.renderer.setPixelRatio(Math.min(2, window.devicePixelRatio));
-    host.append(this.renderer.domElement);
+    host.append(canvas);
     this.scene = new vendor.Scene();
     this.camera = new vendor.PerspectiveCamera(42, 1, 0.02, 500);
     this.camera.up.set(0, 0, 1);
-    this.controls = new vendor.OrbitControls(this.camera, this.renderer.domElement);
+    this.controls = new vendor.OrbitControls(this.camera, canvas);
     this.controls.addEventListener("change", () => this.draw());
     this.scene.add(new vendor.AmbientLight(0xffffff, 1.6));
     const sun = new vendor.DirectionalLight(0xffffff, 1.8);
@@ -34,8 +38,10 @@ class View3d {
     new ResizeObserver(() => this.resize()).observe(host);
   }
 
+  /** Tell whether this browser draws three dimensions; asked once: each question takes one of its few contexts. */
   static canDraw() {
-    return Boolean(document.createElement("canvas").getContext("webgl2"));
+    View3d.isAble ??= Boolean(document.createElement("canvas").getContext("webgl2"));
+    return View3d.isAble;
   }
 
   /** Where the floor is seen at a place of the picture, 0 to 1 from the left and from above; null for the sky. */
@@ -90,7 +96,7 @@ class View3d {
   }
 
   static label(whole, colour) {
-    const text = whole.length > LONG ? `${whole.slice(0, LONG - 1)}…` : whole;
+    const text = shortened(whole, LONG);
     const canvas = document.createElement("canvas");
     const pen = canvas.getContext("2d");
     const font = "600 44px system-ui, sans-serif";
@@ -143,6 +149,7 @@ class View3d {
     this.surroundings.clear();
     this.models.forEach((model, k) => {
       const label = View3d.label(this.flight.drones[k].name, style("--ink"));
+      if (this.models.length >= MANY) label.scale.multiplyScalar(0.6);
       if (model.label) model.group.remove(model.label);
       if (model.label) label.position.copy(model.label.position);
       model.label = label;

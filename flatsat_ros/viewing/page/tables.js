@@ -30,7 +30,7 @@ class Tables {
     const head = element("tr", {}, element("th", { scope: "col" }, "drone"));
     columns.forEach(({ name, unit }) => head.append(element("th", { scope: "col" }, name, unit ? element("small", {}, ` ${unit}`) : "")));
     const body = rows.map(({ drone, values }, k) => {
-      const name = element("th", { scope: "row" }, element("i", { class: "dot", style: `background:${colourOf(k)}` }), drone);
+      const name = element("th", { scope: "row", title: drone }, element("i", { class: "dot", style: `background:${colourOf(k)}` }), drone);
       return element("tr", {}, name, ...values.map((value) => element("td", {}, written(value))));
     });
     const table = element("div", { class: "wide" }, element("table", {}, element("thead", {}, head), element("tbody", {}, ...body)));

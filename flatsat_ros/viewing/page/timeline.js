@@ -30,6 +30,13 @@ class Timeline {
     return element("div", { class: "legend" }, ...keys, element("span", {}, element("i", { class: "proven" }), "guaranteed"), element("span", {}, element("i", { class: "doubt" }), "an assumption does not hold"));
   }
 
+  /** As much of a name as fits into a width, px. */
+  static fitted(pen, name, width) {
+    let text = name;
+    for (let most = name.length; most > 1 && pen.measureText(text).width > width; most -= 1) text = shortened(name, most - 1);
+    return text;
+  }
+
   get names() {
     return Math.min(110, Math.max(40, 0.16 * this.stage.clientWidth));
   }
@@ -73,7 +80,7 @@ class Timeline {
     drones.forEach((drone, k) => {
       const top = row * k;
       pen.fillStyle = style("--ink");
-      pen.fillText(drone.name, 0, top + row / 2, left - 6);
+      pen.fillText(Timeline.fitted(pen, drone.name, left - 6), 0, top + row / 2, left - 6);
       this.strip(pen, drone.channel("tick"), toX, top, row);
     });
     for (const event of events) {
