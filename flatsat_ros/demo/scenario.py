@@ -17,7 +17,7 @@ from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, Certificate,
 from flatsat_ros.crazyflie.fit import require_fit
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
-from flatsat_ros.flight.path import Box
+from flatsat_ros.flight.path_limits import Box
 from flatsat_ros.flight.policy import GoalMode, Policy
 from flatsat_ros.flight.preview import needed_margin
 from flatsat_ros.flight.trajectory import Trajectory

@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import refusal
 from flatsat_ros.certificate.flight import Flight
-from flatsat_ros.flight.path import Box, PathLimits, path_to
+from flatsat_ros.flight.path import path_to
+from flatsat_ros.flight.path_limits import Box, PathLimits
 from flatsat_ros.flight.preview import needed_margin
 from flatsat_ros.flight.references import References
 from flatsat_ros.flight.trajectory import Trajectory

@@ -18,23 +18,24 @@ Horizontal and vertical are planned apart, so that one can stand still while the
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.certificate.flight import Flight
+from flatsat_ros.flight.path_limits import HORIZONTAL, VERTICAL, Asked, Box, PathLimits
+from flatsat_ros.flight.pieces import (
+    BERNSTEIN,
+    NODES,
+    Part,
+    at_nodes,
+    constant,
+    derived,
+    integrated,
+    joined,
+    value,
+)
 from flatsat_ros.flight.trajectory import SIZE, Trajectory, quintic
-from flatsat_ros.law.input_set import InputSet
-
-# of the radius of the ball of accelerations around hover, a path may use this share; the rest is left to the law
-_SHARE = 0.5
-# of that share, what the vertical part may use; the horizontal one gets what the input set then leaves
-_VERTICAL = 0.5
-
-# paths keep this share of what is assumed of references: their limits are looked at in points
-_KEPT = 0.97
 
 # of what the law may be asked for, what holding the speed against drag may take; the rest is left to change it
 _CRUISE = 0.8
@@ -42,124 +43,17 @@ _CRUISE = 0.8
 # durations that are tried, s
 _DURATIONS = 0.2 * 1.1 ** np.arange(90.0)
 _ROUNDING = 1e-9
-_TOLERANCE = 0.02  # relative: their limits are looked at in points
 _STILL = 1e-9  # m: what is nearer is there
-
-# Bernstein polynomials of degree n at this many times of a segment: limits are looked at there
-_NODES = np.linspace(0.0, 1.0, 17)
-_BERNSTEIN = [
-    np.array([math.comb(n, i) * _NODES**i * (1.0 - _NODES) ** (n - i) for i in range(n + 1)]).T for n in range(7)
-]
 
 # largest second and third derivative of 10 s^3 - 15 s^4 + 6 s^5 on [0, 1]
 _PEAKS = (10.0 / math.sqrt(3.0), 60.0)
 # 1 less this, and its first two derivatives, at the nodes
 _LAST = (
-    1.0 - _NODES**3 * (10.0 + _NODES * (6.0 * _NODES - 15.0)),
-    -30.0 * _NODES**2 * (1.0 - _NODES) ** 2,
-    -60.0 * _NODES * (1.0 - _NODES) * (1.0 - 2.0 * _NODES),
+    1.0 - NODES**3 * (10.0 + NODES * (6.0 * NODES - 15.0)),
+    -30.0 * NODES**2 * (1.0 - NODES) ** 2,
+    -60.0 * NODES * (1.0 - NODES) * (1.0 - 2.0 * NODES),
 )
 _ZERO = np.zeros(1)
-
-_HORIZONTAL_AXES, _VERTICAL_AXES = slice(0, 2), slice(2, 3)
-
-
-class Asked(NamedTuple):
-    """What the law may be asked for by the motion of some axes: f = r + lead r', r = a + drag v (`flight.preview`).
-
-    Attributes:
-        most: largest |f|, m/s^2.
-        drag: 1/s.
-        lead: s.
-    """
-
-    most: float
-    drag: float = 0.0
-    lead: float = 0.0
-
-    def of(self, velocity: FloatArray, acceleration: FloatArray, jerk: FloatArray) -> FloatArray:
-        """Return f of a motion, m/s^2."""
-        return np.asarray(self.drag * velocity + (1.0 + self.lead * self.drag) * acceleration + self.lead * jerk)
-
-
-@dataclass(frozen=True)
-class PathLimits:
-    """What a path may ask for, each of its horizontal and of its vertical part.
-
-    Attributes:
-        horizontal: what the law may be asked for; without drag and lead that is the acceleration.
-        vertical: likewise.
-        speed: m/s.
-        jerk: m/s^3.
-        snap: m/s^4.
-        acceleration: m/s^2, beside what the law may be asked for.
-    """
-
-    horizontal: Asked
-    vertical: Asked
-    speed: float = 1.0
-    jerk: float = 2.0
-    snap: float = 20.0
-    acceleration: float = math.inf
-
-    @classmethod
-    def within(cls, limits: InputSet, speed: float, margin: float | None = None) -> PathLimits:
-        """Return limits that leave a margin everywhere on a path.
-
-        Args:
-            limits: V_c.
-            speed: m/s.
-            margin: m/s^2; None for half of the input set's inner radius.
-        """
-        g, tilt = limits.gravity, limits.tilt_max
-        if margin is None:
-            margin = (1.0 - _SHARE) * limits.inner_radius
-        vertical = _VERTICAL * (limits.inner_radius - margin)
-        cone = ((g - vertical) * math.sin(tilt) - margin) / math.cos(tilt)
-        sphere = math.sqrt((limits.thrust_max - margin) ** 2 - (g + vertical) ** 2)
-        return cls(Asked(min(cone, sphere)), Asked(vertical), speed)
-
-    @classmethod
-    def assumed(cls, limits: InputSet, speed: float, flight: Flight) -> PathLimits:
-        """Return limits within what a flight section assumes of references."""
-        found, most = cls.within(flight.room(limits), speed, flight.margin), flight.assumptions
-        sides, upright = (axis.design.model for axis in flight.axes)
-        return cls(
-            Asked(_KEPT * found.horizontal.most, sides.drag + sides.tilt, sides.lead),
-            Asked(_KEPT * found.vertical.most, upright.drag + upright.tilt, upright.lead),
-            speed,
-            _KEPT * most.jerk,
-            _KEPT * most.snap,
-            _KEPT * flight.acceleration,
-        )
-
-    def led_to(self, motion: FloatArray) -> bool:
-        """Tell whether a path within these limits can have led to a motion (4, 3), see `path_to`."""
-        motion = motion[1:] / (1.0 + _TOLERANCE)
-        return all(
-            np.linalg.norm(asked.of(*motion[:, axes])) <= asked.most
-            and np.linalg.norm(motion[1, axes]) <= self.acceleration
-            and np.linalg.norm(motion[2, axes]) <= self.jerk
-            for axes, asked in ((_HORIZONTAL_AXES, self.horizontal), (_VERTICAL_AXES, self.vertical))
-        )
-
-    def slower(self, speed: float) -> PathLimits:
-        """Return the same limits with a speed, m/s, that is at most this."""
-        return replace(self, speed=min(self.speed, speed))
-
-
-class Box(NamedTuple):
-    """The room for references: low <= position <= high, (3,) each, m, world frame."""
-
-    low: FloatArray
-    high: FloatArray
-
-
-class _Part(NamedTuple):
-    """A piecewise polynomial of some axes that begins at 0 s: ends of its segments (M,), coefficients (M, 8, d)."""
-
-    ends: FloatArray
-    coefficients: FloatArray
 
 
 def path_to(
@@ -187,11 +81,11 @@ def path_to(
     parts = [
         _to_rest(motion[:, axes], part, limits, asked, _Walls(box.low[axes], box.high[axes]))
         for axes, part, asked in (
-            (_HORIZONTAL_AXES, across, limits.horizontal),
-            (_VERTICAL_AXES, goal[2:], limits.vertical),
+            (HORIZONTAL, across, limits.horizontal),
+            (VERTICAL, goal[2:], limits.vertical),
         )
     ]
-    return _joined(parts, start, yaw)
+    return joined(parts, start, yaw)
 
 
 class _Walls(NamedTuple):
@@ -211,7 +105,7 @@ class _Change(NamedTuple):
     cruise_time: float  # s
 
 
-def _to_rest(motion: FloatArray, goal: FloatArray, limits: PathLimits, asked: Asked, walls: _Walls) -> _Part:
+def _to_rest(motion: FloatArray, goal: FloatArray, limits: PathLimits, asked: Asked, walls: _Walls) -> Part:
     """Return the path of some axes; the arguments are those of `path_to`, (4, d) and (d,)."""
     if asked.drag > 0.0:
         limits = limits.slower(_CRUISE * asked.most / asked.drag)
@@ -225,30 +119,30 @@ def _to_rest(motion: FloatArray, goal: FloatArray, limits: PathLimits, asked: As
     longer = excess <= _ROUNDING and _end(braking) + _end(onward) >= _end(direct)
     if longer or max(worse, worst) > _ROUNDING:
         return direct
-    return _Part(
+    return Part(
         np.concatenate([braking.ends, _end(braking) + onward.ends]),
         np.concatenate([braking.coefficients[:-1], onward.coefficients]),
     )
 
 
-def _end(part: _Part) -> float:
+def _end(part: Part) -> float:
     """Return the time at which a part is at rest, s."""
     return float(part.ends[-1]) if part.ends.size else 0.0
 
 
 def _straight(
     motion: FloatArray, goal: FloatArray, limits: PathLimits, asked: Asked, walls: _Walls
-) -> tuple[float, _Part]:
+) -> tuple[float, Part]:
     """Return the path to a goal without a rest on the way, and by how much it exceeds its limits."""
     if not motion[1:].any() and not (np.abs(np.nan_to_num(goal - motion[0])) >= _STILL).any():  # it is there, at rest
-        return 0.0, _Part(np.zeros(0), _constant(motion[0]))
+        return 0.0, Part(np.zeros(0), constant(motion[0]))
     lengths: list[float] = []
     pieces: list[FloatArray] = []
     change = _change(motion, goal, limits, asked, walls)
     if change.excess > _ROUNDING and motion[2:].any():
         duration, piece = _settled(motion, limits, asked)
         later = np.zeros_like(motion)
-        later[0], later[1] = _value(piece, duration), _value(_derived(piece), duration)
+        later[0], later[1] = value(piece, duration), value(derived(piece), duration)
         settled = _change(later, goal, limits, asked, walls)
         if settled.excess < change.excess:
             lengths, pieces, change = [duration], [piece], settled
@@ -260,17 +154,17 @@ def _straight(
             [np.array([v0, v1]), np.array([a0, zero]), np.array([j0, zero])],
             [np.array([v1, zero]), np.zeros((2, v1.size)), np.zeros((2, v1.size))],
         )
-        line = _constant(place)[0]
+        line = constant(place)[0]
         line[1] = v1
-        for length, piece in ((change.duration, _integrated(first, place)), (change.cruise_time, line)):
+        for length, piece in ((change.duration, integrated(first, place)), (change.cruise_time, line)):
             if length > _ROUNDING:
                 piece[0] = place
                 lengths, pieces = [*lengths, length], [*pieces, piece]
-                place = _value(piece, length)
+                place = value(piece, length)
         if v1.any():
-            lengths, pieces = [*lengths, change.duration], [*pieces, _integrated(last, place)]
-            place = _value(pieces[-1], change.duration)
-    return change.excess, _Part(np.cumsum(lengths), np.array([*pieces, _constant(place)[0]]))
+            lengths, pieces = [*lengths, change.duration], [*pieces, integrated(last, place)]
+            place = value(pieces[-1], change.duration)
+    return change.excess, Part(np.cumsum(lengths), np.array([*pieces, constant(place)[0]]))
 
 
 def _change(motion: FloatArray, goal: FloatArray, limits: PathLimits, asked: Asked, walls: _Walls) -> _Change:
@@ -286,12 +180,12 @@ def _change(motion: FloatArray, goal: FloatArray, limits: PathLimits, asked: Ask
     # control points of the velocity, (K, 6, d), and of its derivatives
     first, second = v0 + t * a0 / 5.0, v0 + 2.0 * t * a0 / 5.0 + t**2 * j0 / 20.0
     velocity = np.stack(np.broadcast_arrays(v0, first, second, cruise, cruise, cruise), axis=1)
-    rates = [_at_nodes(velocity)]
+    rates = [at_nodes(velocity)]
     excess = _excess(rates[0], limits.speed, v0)
     derivative, factor = velocity, np.ones(1)
     for bound, present, degree in ((limits.acceleration, a0, 5.0), (limits.jerk, j0, 4.0), (limits.snap, _ZERO, 3.0)):
         derivative, factor = np.diff(derivative, axis=1), factor * degree / _DURATIONS
-        rates.append(_at_nodes(derivative * factor[:, np.newaxis, np.newaxis]))
+        rates.append(at_nodes(derivative * factor[:, np.newaxis, np.newaxis]))
         excess += _excess(rates[-1], bound, present)
     excess += _excess(asked.of(*rates[:3]), asked.most, asked.of(v0, a0, j0))
     # the last change, from the constant velocity to rest
@@ -301,7 +195,7 @@ def _change(motion: FloatArray, goal: FloatArray, limits: PathLimits, asked: Ask
     excess += _excess(last[1], limits.acceleration) + _excess(asked.of(*last), asked.most)
     # the position, within the box or as near to it as the motion is
     travelled = np.cumsum(velocity, axis=1) * (t / 6.0)[:, np.newaxis]
-    places = p0 + _BERNSTEIN[6][:, 1:] @ travelled
+    places = p0 + BERNSTEIN[6][:, 1:] @ travelled
     beyond = np.maximum(walls.low - places, places - walls.high)
     beyond -= np.maximum(np.maximum(walls.low - p0, p0 - walls.high), 0.0)
     excess += np.maximum(beyond, 0.0).max(axis=(1, 2))
@@ -323,12 +217,12 @@ def _settled(motion: FloatArray, limits: PathLimits, asked: Asked) -> tuple[floa
     # control points of the acceleration, (K, 4, d)
     control = np.stack(np.broadcast_arrays(a0, a0 + t * j0 / 3.0, zero, zero), axis=1)
     gained = np.cumsum(np.pad(control, ((0, 0), (1, 0), (0, 0))), axis=1) * (t / 4.0)[:, np.newaxis]
-    rates = [v0 + _at_nodes(gained), _at_nodes(control)]
+    rates = [v0 + at_nodes(gained), at_nodes(control)]
     excess = _excess(rates[1], limits.acceleration, a0)
     derivative, factor = control, np.ones(1)
     for bound, present, degree in ((limits.jerk, j0, 3.0), (limits.snap, zero[0], 2.0)):
         derivative, factor = np.diff(derivative, axis=1), factor * degree / _DURATIONS
-        rates.append(_at_nodes(derivative * factor[:, np.newaxis, np.newaxis]))
+        rates.append(at_nodes(derivative * factor[:, np.newaxis, np.newaxis]))
         excess += _excess(rates[-1], bound, present)
     excess += _excess(asked.of(*rates[:3]), asked.most, asked.of(v0, a0, j0))
     duration = float(_DURATIONS[_first(excess, excess)])
@@ -345,11 +239,6 @@ def _first(excess: FloatArray, cost: FloatArray) -> int:
     return int(feasible[0]) if feasible.size else int(cost.argmin())
 
 
-def _at_nodes(points: FloatArray) -> FloatArray:
-    """Return the values (K, nodes, d) of polynomials of degree n with control points (K, n + 1, d)."""
-    return np.asarray(_BERNSTEIN[points.shape[1] - 1] @ points)
-
-
 def _excess(values: FloatArray, bound: float, present: FloatArray = _ZERO) -> FloatArray:
     """Return by how much, relatively, values (K, nodes, d) exceed a bound, or the present size if that is more.
 
@@ -360,53 +249,3 @@ def _excess(values: FloatArray, bound: float, present: FloatArray = _ZERO) -> Fl
     """
     allowed = max(bound, float(np.sqrt((present * present).sum())))
     return np.asarray(np.maximum(np.sqrt((values * values).sum(axis=2)).max(axis=1) / allowed - 1.0, 0.0))
-
-
-def _constant(place: FloatArray) -> FloatArray:
-    """Return (1, 8, d) coefficients of a place."""
-    coefficients = np.zeros((1, SIZE, place.size))
-    coefficients[0, 0] = place
-    return coefficients
-
-
-def _integrated(velocity: FloatArray, place: FloatArray) -> FloatArray:
-    """Return the coefficients (8, d) of the position whose velocity has the coefficients (6, d), from a place on."""
-    position = np.zeros((SIZE, place.size))
-    position[0] = place
-    position[1:7] = velocity / np.arange(1.0, 7.0)[:, np.newaxis]
-    return position
-
-
-def _derived(coefficients: FloatArray) -> FloatArray:
-    """Return the coefficients (8, d) of the derivative of a polynomial (8, d)."""
-    derivative = np.zeros_like(coefficients)
-    derivative[:-1] = coefficients[1:] * np.arange(1.0, SIZE)[:, np.newaxis]
-    return derivative
-
-
-def _value(coefficients: FloatArray, t: float) -> FloatArray:
-    """Return the value (d,) of a polynomial (8, d) at t."""
-    return np.asarray(np.power(t, np.arange(SIZE)) @ coefficients)
-
-
-def _moved(coefficients: FloatArray, t: float) -> FloatArray:
-    """Return the coefficients (8, d) of the same polynomial (8, d) with its origin at t."""
-    shift = np.array([[math.comb(i, j) * t ** (i - j) if i >= j else 0.0 for i in range(SIZE)] for j in range(SIZE)])
-    return np.asarray(shift @ coefficients)
-
-
-def _joined(parts: list[_Part], start: float, yaw: float) -> Trajectory:
-    """Return the trajectory whose axes are those of the parts, in their order."""
-    ends = np.unique(np.concatenate([part.ends for part in parts]))
-    begins = np.concatenate([[0.0], ends[:-1]]) if ends.size else np.zeros(0)
-    if not ends.size:
-        return Trajectory(np.array([start]), np.concatenate([part.coefficients for part in parts], axis=2), yaw)
-    segments = []
-    for begin in begins:
-        columns = []
-        for part in parts:
-            index = int(np.searchsorted(part.ends, begin, side="right"))
-            origin = float(part.ends[index - 1]) if index else 0.0
-            columns.append(_moved(part.coefficients[index], float(begin) - origin))
-        segments.append(np.concatenate(columns, axis=1))
-    return Trajectory(start + np.concatenate([[0.0], ends]), np.array(segments), yaw)

@@ -9,7 +9,7 @@ import numpy as np
 
 from flatsat_ros.base.errors import require, require_fields, require_not_negative, require_number, require_positive
 from flatsat_ros.flight.estimator import PREDICTION_MAX
-from flatsat_ros.flight.path import Box
+from flatsat_ros.flight.path_limits import Box
 
 
 class GoalMode(str, Enum):

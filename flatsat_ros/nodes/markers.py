@@ -8,7 +8,7 @@ import numpy as np
 
 from flatsat_ros.base.colours import colour_of
 from flatsat_ros.flight.modes import Mode
-from flatsat_ros.flight.path import Box
+from flatsat_ros.flight.path_limits import Box
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.nodes.ros import interfaces
 from flatsat_ros.nodes.ros.marker_messages import Shape, markers_message

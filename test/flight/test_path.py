@@ -10,7 +10,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from flatsat_ros.base.constants import GRAVITY
-from flatsat_ros.flight.path import Box, PathLimits, path_to
+from flatsat_ros.flight.path import path_to
+from flatsat_ros.flight.path_limits import Box, PathLimits
 from flatsat_ros.law.input_set import InputSet
 
 LIMITS = InputSet(1.45 * GRAVITY, math.radians(10.0))

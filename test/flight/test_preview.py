@@ -11,7 +11,8 @@ from flatsat_ros.base.resources import config_path
 from flatsat_ros.base.strict_yaml import read_yaml
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight import Flight
-from flatsat_ros.flight.path import Asked, Box, PathLimits, path_to
+from flatsat_ros.flight.path import path_to
+from flatsat_ros.flight.path_limits import Asked, Box, PathLimits
 from flatsat_ros.flight.preview import Preview, needed_margin
 from flatsat_ros.flight.references import References
 from flatsat_ros.flight.trajectory import Trajectory
