@@ -187,13 +187,13 @@ def search(goal: Goal, plants: Plants, progress: Callable[[str], None], seconds:
             progress(f"tube {found:.2f} cm")
         return found
 
-    for law in _LAWS:
-        point = best[1].copy()
-        point[:2] = np.log(law)
-        if cost(point) < math.inf:
-            break
     sizes = np.array([steps[name] for name in start])
     try:
+        for law in _LAWS:
+            point = best[1].copy()
+            point[:2] = np.log(law)
+            if cost(point) < math.inf:
+                break
         for number in range(_ROUNDS):
             simplex = np.vstack([best[1], best[1] + np.diag(sizes) * (-1.0) ** number])
             options = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-3, "maxfev": _EVALUATIONS}

@@ -134,6 +134,12 @@ def test_a_search_makes_the_tube_smaller() -> None:
     assert goal.worst(found.design, plants, corner_boxes(plants)).nominal <= 1.2
 
 
+def test_a_search_whose_time_is_over_before_it_finds_one_is_refused() -> None:
+    plant = Plant(0.03, 0.14)
+    with pytest.raises(FlatsatError, match="tube of every design that was tried = inf"):
+        search(Goal(0.02, 1.5, 1.0, STILL), Plants(Box(plant, plant), False, plant), lambda _: None, seconds=-1.0)
+
+
 @pytest.mark.parametrize("name", VEHICLES)
 def test_the_plants_of_a_profile_are_around_what_it_says(name: str) -> None:
     vehicle = load_vehicle(name)
