@@ -1,4 +1,4 @@
-"""The robust certificate: the largest beta, in closed form and by the paper's semidefinite program with a line search.
+"""The robust certificate: the largest beta in closed form, checked by the paper's semidefinite program.
 
 Per axis every Q with Q A' + A Q - 2 B B' + beta Q + E E'/beta <= 0 is at most the one for which this is an equality,
 
@@ -15,7 +15,6 @@ import math
 from collections.abc import Mapping
 from itertools import product
 
-import cvxpy as cp
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
@@ -33,8 +32,9 @@ from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.certificate.sets import Sets
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis.gain_cap import gain_cap
+from flatsat_ros.synthesis.robust_program import largest_spread, line_search
 from flatsat_ros.synthesis.rounding import round_down, round_up
-from flatsat_ros.synthesis.solver import solve, solver_name
+from flatsat_ros.synthesis.solver import solver_name
 
 # Largest relative difference between the line search with the solver and the closed form.
 TOLERANCE = 1e-5
@@ -50,9 +50,6 @@ _SENSITIVITY = 64.0
 
 # A larger gain may raise the level of the smallest certified set by this factor over that of gain 1.
 _FLOOR_GROWTH = 1.05
-
-_A = np.kron([[0.0, 1.0], [0.0, 0.0]], np.eye(3))
-_B = np.kron([[0.0], [1.0]], np.eye(3))
 
 PAPER_PERIOD = 0.01
 
@@ -231,65 +228,6 @@ def _cross_check(
                 f"to {TOLERANCE}"
             )
     return {"status": "optimal", "relative_tolerance": TOLERANCE}
-
-
-def line_search(box: FloatArray, drift: FloatArray, push: FloatArray) -> float:
-    """Return the largest beta, 1/s, that the semidefinite program allows.
-
-    Raises:
-        FlatsatError: the solver failed, or no beta is feasible.
-    """
-    too_large = 1.01 * float(box.max()) ** 2  # without disturbance P22 = beta
-    rate = too_large
-    while missing(rate, box, drift, push) > 0.0:
-        too_large, rate = rate, rate / 1.2
-        if rate < 1e-3:
-            raise FlatsatError("the semidefinite program is infeasible for every rate (beta) above 1e-3 1/s")
-    while too_large - rate > 1e-7 * rate:
-        middle = (rate + too_large) / 2.0
-        rate, too_large = (middle, too_large) if missing(middle, box, drift, push) <= 0.0 else (rate, middle)
-    return rate
-
-
-def missing(rate: float, box: FloatArray, drift: FloatArray, push: FloatArray) -> float:
-    """Return by how much the robust condition fails at least for a Q that meets the box conditions; <= 0 if feasible.
-
-    The program always has a solution, so that its feasibility is read off an optimum and not off a solver's status.
-
-    Raises:
-        FlatsatError: the solver did not report an optimum.
-    """
-    scaled, units, residual = _program(rate, drift, push)
-    amount = cp.Variable()
-    conditions = [residual << amount * np.eye(6)]
-    for i, width in enumerate(box[[0, 0, 1]]):
-        row = _B[:, [i]].T @ units / width
-        conditions.append(cp.bmat([[np.eye(1), row], [row.T, scaled]]) >> 0)
-    solve("box", cp.Problem(cp.Minimize(amount), conditions))
-    return float(amount.value)
-
-
-def largest_spread(rate: float, drift: FloatArray, push: FloatArray) -> FloatArray:
-    """Return the largest Q (6, 6) that meets the robust condition.
-
-    Raises:
-        FlatsatError: the solver did not report an optimum, or there is none.
-    """
-    scaled, units, residual = _program(rate, drift, push)
-    solve("robust", cp.Problem(cp.Maximize(cp.trace(scaled)), [residual << 0, scaled >> 0]))
-    inverse_units = np.linalg.inv(units)
-    return np.asarray(inverse_units @ scaled.value @ inverse_units, dtype=np.float64)
-
-
-def _program(rate: float, drift: FloatArray, push: FloatArray) -> tuple[cp.Variable, FloatArray, cp.Expression]:
-    """Return Q and the left side of the robust condition, in units (6, 6) in which both have entries of order 1."""
-    units = np.asarray(np.kron(np.diag([rate**1.5, rate**0.5]), np.eye(3)), dtype=np.float64)
-    inverse_units = np.linalg.inv(units)
-    scaled = cp.Variable((6, 6), symmetric=True)
-    Q = inverse_units @ scaled @ inverse_units
-    shake = np.diag(np.concatenate([drift[[0, 0, 1]], push[[0, 0, 1]]]) ** 2)
-    condition = Q @ _A.T + _A @ Q - 2.0 * _B @ _B.T + rate * Q + shake / rate
-    return scaled, units, units @ condition @ units / rate
 
 
 def robust_sets(
