@@ -21,8 +21,8 @@ from flatsat_ros.nodes.ros import cdr, interfaces, messages
 from flatsat_ros.nodes.ros.parameters import declare_choice
 from flatsat_ros.nodes.ros.runtime import ProgramNode
 
-# of the poses of a drone that come between two ticks, so many are taken in, the newest
 _MOTION_CAPTURE = "_mocap"  # what crazyswarm2's motion_capture.yaml has behind the names of its frames
+# of the poses of a drone that come between two ticks, so many are taken in, the newest
 _POSES_MAX = 100
 _SILENCE = 1.0  # s without poses after which another source is looked for
 

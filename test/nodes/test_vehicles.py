@@ -33,13 +33,19 @@ def crazyflies(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("yaw_mode", ["rate", "angle"])
-def test_drones_of_two_types_fly_side_by_side_and_turn_to_their_yaw(lab: Lab, crazyflies: Path, yaw_mode: str) -> None:
+@pytest.mark.parametrize(("yaw_mode", "source"), [("rate", "odom"), ("angle", "pose")])
+def test_drones_of_two_types_fly_side_by_side_and_turn_to_their_yaw(
+    lab: Lab, crazyflies: Path, yaw_mode: str, source: str
+) -> None:
+    """By their poses, and by the odometry of sim_server."""
     kinds = {"crazyflies_yaml": crazyflies, "robot_types__strong__vehicle": "brushless", "yaw_mode": yaw_mode}
     poses = {robot: lab.watch(interfaces.POSE, robot) for robot in ("cf1", "cf2")}
     commands = {robot: lab.watch(interfaces.COMMAND, robot) for robot in poses}
-    lab.start("sim_drone", **kinds)
-    lab.fly("cf1", "cf2", **kinds)
+    if source == "odom":
+        lab.start("sim_server", odom_rate=100.0, **kinds)
+    else:
+        lab.start("sim_drone", **kinds)
+    controller = lab.fly("cf1", "cf2", pose_source=source, **kinds)
     arm = interfaces.service_of("cf2", interfaces.ARM)
     lab.wait(lambda: "asked to arm" in lab.ask(SetBool, arm, data=True).message, "the brushless drone to be armed")
     for robot, y in (("cf1", 0.0), ("cf2", 1.0)):
@@ -55,6 +61,7 @@ def test_drones_of_two_types_fly_side_by_side_and_turn_to_their_yaw(lab: Lab, cr
             return abs(yaw_from_quaternion(q.x, q.y, q.z, q.w) - 1.0) < 0.1
 
         lab.wait(turned, f"{robot} to turn")
+    assert all(f"{robot}: poses from {robot}/{source}" in controller.output for robot in poses)
     # hovering, 29 g of 0.480 N and 39.3 g of 0.800 N
     hover = {robot: commands[robot][-1].linear.z for robot in commands}
     assert hover["cf1"] == pytest.approx(38842, rel=0.05)
