@@ -17,7 +17,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 BUILT = ROOT / "out" / "crazyswarm2"
-TESTS = ("crazyswarm2_scripts.py", "crazyswarm2_server.py", "test_crazyswarm.py")
+TESTS = ("crazyswarm2_scripts.py", "crazyswarm2_server.py", "crazyswarm2_poses.py", "test_crazyswarm.py")
 # what the wheels' CMake files were made with
 _FOREIGN = re.compile(r"/opt/python/[\w.-]+/(include/python[\d.]+|lib/python[\d.]+/site-packages/numpy/_core/include)")
 
