@@ -27,6 +27,10 @@ _MIRRORED = 0.3
 _TURNED_MORE = 1.1
 # A gust that begins looks like a wrong sign until commands counter it; a wrong sign stays one for longer than this, s.
 _WRONG_TIME = 0.31
+# Where the yaw is assumed, a smaller turn is wrong, beyond this tangent, that lasts for longer than this, s: in gusts
+# of 1 m/s a yaw that is 20 degrees off never looked like it, one that is 57 off always did.
+_ASSUMED_TURNED = 0.7
+_ASSUMED_WRONG_TIME = 0.6
 
 
 class AstrayDetector:
@@ -59,9 +63,17 @@ class AstrayDetector:
         self._sums = np.zeros((4, 4, count))
         self._common = np.zeros((2, count))  # of both axes: what came along, and across, by the yaw of now
         self._judged = np.zeros(count)  # s
-        self._wrong = np.zeros(count)  # s, for how long what comes has been wrong
+        # s, for how long what comes has been wrong, and turned by more than an assumed yaw may be wrong
+        self._wrong = np.zeros((2, count))
 
-    def astray(self, push: FloatArray, velocity: FloatArray, yaw: FloatArray, judged: np.ndarray) -> np.ndarray:
+    def astray(
+        self,
+        push: FloatArray,
+        velocity: FloatArray,
+        yaw: FloatArray,
+        judged: np.ndarray,
+        assumed: np.ndarray | None = None,
+    ) -> np.ndarray:
         """Tell who goes astray, (N,).
 
         Args:
@@ -69,6 +81,7 @@ class AstrayDetector:
             velocity: (N, 2) estimated, m/s.
             yaw: (N,) psi, rad, by which the commands were turned into the body's axes.
             judged: (N,) who is in the air and steered.
+            assumed: (N,) whose yaw nobody sees; nobody's by default.
         """
         self._velocities.append(velocity)
         self._commanded.append(self._commanded[-1] + push)
@@ -92,16 +105,20 @@ class AstrayDetector:
             self._sums[..., early] = self._common[:, early] = 0.0
         if not np.count_nonzero(self._sums[0, 0] + self._sums[1, 1] > _JUDGED):
             self._wrong[:] = 0.0
-            return np.zeros(self._wrong.size, dtype=bool)
+            return np.zeros(early.size, dtype=bool)
         size, along, total, across = self._compared()
         whole = total.sum(axis=0)
         if self._wary:
             total = total + np.maximum(total - along * along / np.maximum(size, _JUDGED) - _NOISE, 0.0)[::-1]
         negated = _explained(size, along, total) & (along < 0.0)
-        turned = _explained(size.sum(axis=0), np.hypot(along.sum(axis=0), across), whole)
-        turned &= np.abs(across) > _TURNED * along.sum(axis=0)
-        self._wrong = np.where(turned | negated.any(axis=0), self._wrong + self._period, 0.0)
-        return np.asarray(self._wrong > _WRONG_TIME)
+        straight = along.sum(axis=0)
+        turned = _explained(size.sum(axis=0), np.hypot(straight, across), whole)
+        wrong = np.zeros_like(self._wrong, dtype=bool)
+        wrong[0] = negated.any(axis=0) | (turned & (np.abs(across) > _TURNED * straight))
+        if assumed is not None:
+            wrong[1] = assumed & turned & (np.abs(across) > _ASSUMED_TURNED * straight)
+        self._wrong = np.where(wrong, self._wrong + self._period, 0.0)
+        return np.asarray((self._wrong[0] > _WRONG_TIME) | (self._wrong[1] > _ASSUMED_WRONG_TIME))
 
     def answer(self, index: int) -> FloatArray | None:
         """Return what comes of what is commanded to drone index along its body's axes, (2, 2); None if unknown.
@@ -129,7 +146,7 @@ class AstrayDetector:
         """Take note of yaws that are corrected by an angle (N,), rad; judge some (N,) drones anew."""
         (along, across), sin, cos = self._common, np.sin(angle), np.cos(angle)
         self._common = np.array([cos * along + sin * across, cos * across - sin * along])
-        self._judged[anew] = self._wrong[anew] = 0.0
+        self._judged[anew] = self._wrong[:, anew] = 0.0
         self._sums[..., anew] = self._common[:, anew] = 0.0
 
     def _compared(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -42,6 +42,8 @@ _NEARER = 0.05
 # is what a wrong sign makes of it; 1.8 times the limit of 10 degrees is a wind of 7 m/s.
 _OPPOSED_TIME = 0.2
 _OPPOSED = 1.8
+# where the yaw is assumed, so much is opposed: what a yaw makes of it that is 1.4 rad off, or a wind of 3 m/s
+_ASSUMED_OPPOSED = 0.8
 # It swings if its error tilts it by this share of the limit, then to the opposite, more often than this within about so
 # many seconds; a step to a set-point takes one or two such changes.
 _SWINGING_SHARE = 0.5
@@ -206,6 +208,7 @@ class TiltLimitDetector:
         error: FloatArray,
         steered: np.ndarray,
         landing: np.ndarray,
+        assumed: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Tell who is blown off, who swings and who is opposed, each (N,).
 
@@ -217,6 +220,7 @@ class TiltLimitDetector:
             error: (N, 2) horizontal position minus reference, m.
             steered: (N,) who is in the air and steered.
             landing: (N,) who lands.
+            assumed: (N,) whose yaw nobody sees; nobody's by default.
         """
         most = self._slope * np.maximum(acceleration[:, 2] + self._gravity, 0.0)
         limited = steered & (np.hypot(acceleration[:, 0], acceleration[:, 1]) >= _AT_LIMIT * most)
@@ -238,7 +242,8 @@ class TiltLimitDetector:
         self._since = np.where(stuck, np.where(anew, now, self._since), np.inf)
         blown = now - self._since >= np.where(landing, _BLOWN_LANDING_TIME, _BLOWN_TIME)
         ahead = acceleration[:, :2]
-        opposed = limited & ((disturbance * ahead).sum(axis=1) < -_OPPOSED * (ahead * ahead).sum(axis=1))
+        share = _OPPOSED if assumed is None else np.where(assumed, _ASSUMED_OPPOSED, _OPPOSED)
+        opposed = limited & ((disturbance * ahead).sum(axis=1) < -share * (ahead * ahead).sum(axis=1))
         self._opposed_since = np.where(opposed, np.minimum(self._opposed_since, now), np.inf)
         return np.asarray(blown), self._swings > _SWINGS, np.asarray(now - self._opposed_since >= _OPPOSED_TIME)
 

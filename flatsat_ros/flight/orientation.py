@@ -19,20 +19,21 @@ class Orientations:
     """Looks at the orientations that an estimator has taken in.
 
     Attributes:
+        measured: the yaw comes from orientations alone.
         from_motion: the yaw comes from the motion while no orientation is seen.
     """
 
     def __init__(self, estimator: Estimator, source: YawSource, count: int) -> None:
         """Watch an estimator of N drones."""
         self._estimator = estimator
-        self._measured = source is YawSource.MEASURED
+        self.measured = source is YawSource.MEASURED
         self.from_motion = source is YawSource.MOTION
         self._lands = np.zeros(count, dtype=bool)  # it was told to land because its orientation is not seen
 
     def unready(self, index: int) -> str:
         """Return why drone index must not take off though its position is known; empty if it may."""
         tilt = float(self._estimator.tilt[index])
-        if np.isnan(tilt) and self._measured:
+        if np.isnan(tilt) and self.measured:
             return "its orientation was never seen: take-off needs it, unless yaw_source is assumed or motion"
         if tilt > _TILTED:
             return f"it is tilted by {np.degrees(tilt):.0f} deg: must be at most {np.degrees(_TILTED):.0f}; is z up?"
@@ -42,7 +43,7 @@ class Orientations:
         """Tell who must not take off though its position is known, (N,); see `unready`."""
         tilt = self._estimator.tilt
         tilted = np.asarray(tilt > _TILTED)
-        return tilted | np.isnan(tilt) if self._measured else tilted
+        return tilted | np.isnan(tilt) if self.measured else tilted
 
     def unseen(self, now: float) -> np.ndarray:
         """Tell whose orientation is not seen, (N,)."""
@@ -57,7 +58,7 @@ class Orientations:
             now: s.
             flying: (N,) who is steered.
         """
-        if not self._measured:
+        if not self.measured:
             return []
         unseen = flying & (now - self._estimator.oriented > _PATIENCE)
         found = [int(index) for index in np.flatnonzero(unseen & ~self._lands)]

@@ -45,6 +45,7 @@ _SLID = "told to climb, it moves sideways instead: is z up in the poses?"
 _SUNK = "told to climb, it is seen {0:.2f} m below where it stood, at most {1:g} m: has z the other sign?"
 _BLOWN = "at the limit of its tilt and {0:.1f} m off its reference, no nearer for seconds: wind? It lands where it is"
 _SWINGS = "it swings from one side to the other: do poses or commands come too late?"
+_AGAINST = "at the limit of its tilt it goes another way than it is told to: is its yaw what yaw_source assumes?"
 _BOBS = "it swings up and down: do poses or commands come too late?"
 # the lift of a drone that is to sink without poses is the mean over about this time, s: a gust does not last
 _LIFT_TIME = 1.0
@@ -84,7 +85,7 @@ class Senses:
         self._lift_off = LiftOffDetector(count, policy.lift_off_time)
         self._fall = FallDetector(count)
         late = max(certificate.lag + certificate.delay, _LATE)
-        turns = policy.yaw_source is YawSource.MOTION
+        turns = policy.yaw_source is not YawSource.MEASURED
         self._astray = AstrayDetector(count, self._period, late, turns=turns, wary=self._tubes is not None)
         self._late = late
         self._limit = TiltLimitDetector(count, certificate.limits.tilt_max, gravity)
@@ -93,6 +94,7 @@ class Senses:
         self._reports: list[tuple[int, str]] = []
         self._lift = np.zeros(count)  # what lifts each beside its thrust, m/s^2, without gusts
         self._unlocked = np.zeros(count, dtype=bool)  # it stood on the ground when its flight began
+        self._assumed: np.ndarray | None = None  # (N,) whose yaw is assumed, as nobody sees it
         self._turns = np.zeros(count)  # corrections of yaws that are learnt from motion, rad, not yet made
         self._settling = np.zeros(count)  # s, until the yaw may be found wrong again
         self._misled = np.zeros(count, dtype=bool)  # it sinks, and its height is not what its poses say
@@ -192,7 +194,7 @@ class Senses:
             yaw: (N,) psi, rad.
             flying: (N,) who is steered.
             landing: (N,) who lands, and may be carried by something when it is low.
-            unseen: (N,) whose yaw is to be learnt from motion, see `take_turns`; nobody's by default.
+            unseen: (N,) whose yaw is assumed, or learnt from motion, see `take_turns`; nobody's by default.
             newest: (N,) stamps of the newest poses, s; by default there are new ones.
         """
         self._acceleration = acceleration
@@ -218,8 +220,11 @@ class Senses:
             self._places[:-1] = self._places[1:]
             self._places[-1] = estimated[:, :2]
             velocity = (self._places[-1] - self._places[0]) / (_PLACES * self._period)
-        astray = self._astray.astray(self._push[:, :2], velocity, yaw, judged)
-        if unseen is not None and np.count_nonzero(unseen):
+        assumed = self._assumed = unseen if self._policy.yaw_source is YawSource.ASSUMED else None
+        astray = self._astray.astray(self._push[:, :2], velocity, yaw, judged, assumed)
+        if assumed is not None:
+            self._tell_turns(astray & assumed & ~self._gone_astray)
+        elif unseen is not None and np.count_nonzero(unseen):
             astray = self._learn_yaw(astray, unseen & judged)
         self._gone_astray = self._gone_astray | astray
         if np.count_nonzero(self.braking.active):
@@ -241,6 +246,15 @@ class Senses:
             text = f"its motion is turned by {np.degrees(angle[index]):.0f} deg from its commands: its yaw is corrected"
             self._reports.append((index, text))
         return np.asarray(astray & ~found)
+
+    def _tell_turns(self, astray: np.ndarray) -> None:
+        """Tell by how much the assumed yaw of drones (N,) is wrong that go astray, if it is that."""
+        if not np.count_nonzero(astray):
+            return
+        angle = self._astray.turns()
+        for index in map(int, np.flatnonzero(astray & (np.abs(angle) > 0.0))):
+            turned = f"its motion is turned by {np.degrees(angle[index]):.0f} deg from its commands"
+            self._reports.append((index, f"{turned}: the yaw that yaw_source assumes is wrong"))
 
     def take_turns(self) -> FloatArray:
         """Return by how much the yaws are to be corrected, (N,) rad, since the last call."""
@@ -268,7 +282,7 @@ class Senses:
         # without what its own motion through still air makes of it
         push = disturbance[:, :2] + self._policy.drag * (error[:, 3:5] + base[:, 3:5])
         blown, swinging, opposed = self._limit.look(
-            now, self._acceleration, correction[:, :2], push, error[:, :2], self._free, landing
+            now, self._acceleration, correction[:, :2], push, error[:, :2], self._free, landing, self._assumed
         )
         bobbing = self._bobbing.look(now, correction[:, 2], self._free)
         if not np.count_nonzero(blown | swinging | opposed | bobbing | self._blown):
@@ -276,6 +290,9 @@ class Senses:
         for index in map(int, np.flatnonzero(blown & ~self._blown)):
             self._reports.append((index, _BLOWN.format(float(np.hypot(*error[index, :2])))))
         self._reports += [(int(index), _SWINGS) for index in np.flatnonzero(swinging & ~self._gone_astray)]
+        if self._assumed is not None:
+            told = opposed & self._assumed & ~self._gone_astray
+            self._reports += [(int(index), _AGAINST) for index in np.flatnonzero(told)]
         self._reports += [(int(index), _BOBS) for index in np.flatnonzero(bobbing & ~self._gone_astray)]
         self._lift[bobbing] = 0.0  # what was seen of it was late
         self._gone_astray = self._gone_astray | swinging | opposed | bobbing

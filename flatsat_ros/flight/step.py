@@ -117,9 +117,9 @@ class ControlStep:
             commanded = self._brake(command, acceleration, level & usable)
 
         assessment = parts.loop.assess(output, acceleration, flying)
-        learning = unseen if parts.orientations.from_motion else None
-        free = senses.note(commanded, estimated, estimator.yaw, flying, guidance.landing, learning, estimator.newest)
-        if learning is not None and senses.looked:
+        guessed = None if parts.orientations.measured else unseen
+        free = senses.note(commanded, estimated, estimator.yaw, flying, guidance.landing, guessed, estimator.newest)
+        if parts.orientations.from_motion and senses.looked:
             estimator.yaw += senses.take_turns()
         if self._policy.goal_mode is GoalMode.PATH:  # steps take a drone to its limit by themselves
             for index in senses.at_limit(now, aim.base, estimate, error, guidance.landing):

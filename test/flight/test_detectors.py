@@ -24,17 +24,19 @@ PHASES = st.lists(st.floats(0.0, 2.0 * math.pi), min_size=4, max_size=4)
 YAWS = st.floats(-math.pi, math.pi)
 
 
-def first_astray(answer: np.ndarray, phases: list[float], *, yaw: float = 0.0, gust: float = 0.0) -> float:
+def first_astray(
+    answer: np.ndarray, phases: list[float], *, yaw: float = 0.0, gust: float = 0.0, assumed: bool = False
+) -> float:
     """Time, s, after which a drone is taken for one that goes astray; infinite for never in 6 s.
 
     It is told to sway along both axes, and answers with answer (2, 2) times that, late, and with what a gust,
-    m/s^2, adds.
+    m/s^2, adds. Its yaw is seen, or assumed.
     """
-    return swaying(answer, phases, yaw=yaw, gust=gust)[0]
+    return swaying(answer, phases, yaw=yaw, gust=gust, assumed=assumed)[0]
 
 
 def swaying(
-    answer: np.ndarray, phases: list[float], *, yaw: float = 0.0, gust: float = 0.0
+    answer: np.ndarray, phases: list[float], *, yaw: float = 0.0, gust: float = 0.0, assumed: bool = False
 ) -> tuple[float, np.ndarray | None]:
     """Time as `first_astray` returns it, and what is seen of the answer along the body's axes a second later."""
     found = math.inf
@@ -47,8 +49,8 @@ def swaying(
         came = answer @ told[max(0, n - round(LATE / LOOK))]
         gusts += LOOK * (random.normal(0.0, gust * math.sqrt(2.0 / LOOK), 2) - gusts)
         velocity = velocity + LOOK * (came + gusts)
-        push = LOOK * told[-1][np.newaxis]
-        if detector.astray(push, velocity[np.newaxis] + random.normal(0.0, 2e-3, (1, 2)), np.array([yaw]), ON)[0]:
+        push, seen = LOOK * told[-1][np.newaxis], velocity[np.newaxis] + random.normal(0.0, 2e-3, (1, 2))
+        if detector.astray(push, seen, np.array([yaw]), ON, ON if assumed else None)[0]:
             found = min(found, t)
         if t > found + 1.0:
             break
@@ -73,7 +75,16 @@ def test_commands_that_act_in_another_direction_are_noticed(
 def test_commands_that_act_nearly_as_told_are_left_in_peace_in_gusts_too(
     degrees: float, phases: list[float], strength: float, gust: float
 ) -> None:
-    assert first_astray(strength * turned(degrees), phases, gust=gust) == math.inf
+    assumed = abs(degrees) < 20.0
+    assert first_astray(strength * turned(degrees), phases, gust=gust, assumed=assumed) == math.inf
+
+
+@given(degrees=st.floats(45.0, 315.0), phases=PHASES, strength=st.floats(0.75, 1.0))
+@settings(max_examples=12)
+def test_an_assumed_yaw_that_is_wrong_by_half_a_right_angle_is_noticed(
+    degrees: float, phases: list[float], strength: float
+) -> None:
+    assert first_astray(strength * turned(degrees), phases, assumed=True) < 4.0
 
 
 @given(yaw=YAWS, axis=st.integers(0, 1), phases=PHASES)
