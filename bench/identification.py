@@ -125,7 +125,7 @@ def predicted(samples: Samples, figures: Figures, at: np.ndarray) -> FloatArray 
     charge = 1.0
     if len(samples.voltage):  # means over 1 s, that of each sample from before the prediction in which it is
         past = samples.voltage[np.clip(index - AHEAD - 50, 0, len(sent) - 1)]
-        charge = (past / figures.voltage) ** figures.thrust_voltage
+        charge = (past / first.motion.samples.mean_voltage) ** figures.thrust_voltage
     goal = known.thrust_full * charge * (np.clip(command[:, 2], 0.0, None) / PWM_FULL) ** figures.thrust_slope
     yaw = np.nan_to_num(samples.angles[:, 2])
     lag = math.exp(-STEP / figures.thrust_lag)
@@ -258,7 +258,7 @@ def simulated(runs: int) -> None:
             "drag_z": base.dynamics.drag_z,
             "velocity_tilt": 0.0,
             "thrust_voltage": charge,
-            "thrust_available": weight * drone.thrust_max * drone.voltage_factor(found.common.figures.voltage),
+            "thrust_available": weight * drone.thrust_max * drone.voltage_factor(full - 0.125),
         }
         if base.dynamics.attitude.actuator_lag == 0.0:  # else the attitude is of third order
             attitude = base.dynamics.attitude

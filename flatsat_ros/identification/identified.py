@@ -42,7 +42,7 @@ NAMES = (*_SHARES, *_WIDTHS)
 _USUAL = {
     **{"attitude_gain": 0.05, "natural_frequency": 0.15, "damping": 0.15, "lag_and_delay": 0.02, "thrust_lag": 0.35},
     **{"velocity_tilt": 0.01, "thrust_slope": 0.15, "drag_xy": 0.04, "drag_z": 0.1, "thrust_available": 0.2},
-    **{"thrust_voltage": 0.2},
+    **{"thrust_voltage": 0.35},
 }
 _WEIGHT = 4
 _TRADED = 4.0  # standard deviations of a flight's own natural frequency that it may be off beside, the delay with it
@@ -90,6 +90,14 @@ class Identified:
     pose_noise: float
 
     @property
+    def voltage(self) -> float | None:
+        """Mean voltage of the battery, V, for which the thrust is meant; None where thrust over voltage is not told."""
+        if self.figures["thrust_voltage"].interval is None:
+            return None
+        logged = [each.motion.samples.mean_voltage for each in self.flights]
+        return float(np.nanmean(logged))
+
+    @property
     def unknown(self) -> tuple[str, ...]:
         """Names of the figures that the flights do not tell."""
         return tuple(name for name, figure in self.figures.items() if figure.interval is None)
@@ -111,9 +119,6 @@ def identify(
     _require_different(samples)
     flights = [Flight.of(each) for each in samples]
     free, begin = excited(flights), figures_of(base)
-    logged = [each.voltage[each.usable] for each in samples if len(each.voltage)]
-    if "thrust_voltage" in free:
-        begin = dataclasses.replace(begin, voltage=float(np.mean(np.concatenate(logged))))
     common = fit(flights, begin, free, advance=lambda: advance("fitting all flights"))
     told = [name for name in free if name not in NAMES or _is_sharp(name, common, base.pwm_max)]
     if len(told) < len(free):  # what the flights do not tell must not bend the rest
@@ -170,7 +175,7 @@ def profile_of(identified: Identified, base: VehicleProfile, name: str) -> Vehic
             force_max=base.mass * full,
             thrust_slope=slope,
             thrust_voltage=value.get("thrust_voltage", base.thrust_voltage),
-            voltage=identified.common.figures.voltage,
+            voltage=base.voltage if identified.voltage is None else identified.voltage,
             dynamics=dynamics,
             intervals=Intervals(**intervals),
         )
@@ -192,7 +197,6 @@ def figures_of(base: VehicleProfile) -> Figures:
         drag_z=dynamics.drag_z,
         delay=dynamics.dead_time,
         thrust_voltage=base.thrust_voltage,
-        voltage=base.voltage,
     )
 
 

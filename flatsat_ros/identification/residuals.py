@@ -62,7 +62,7 @@ class Misfit:
     Attributes:
         attitude: (K, 2) roll and pitch, measured less simulated, without the frame's offset, rad.
         position: (L, 3) second differences, measured less simulated, without trim, m.
-        thrust_full: T_full, m/s^2, at PWM 65535 by the power law, at V0 where the voltage was logged.
+        thrust_full: T_full, m/s^2, at PWM 65535 by the power law, at the flight's mean voltage where it was logged.
         frame: (2,) roll and pitch of the marker frame where the simulated attitude is level, rad.
         trim: (2,) acceleration ahead and to the left that the commands do not explain, m/s^2.
     """

@@ -36,8 +36,7 @@ class Figures:
         drag_xy: 1/s.
         drag_z: 1/s.
         delay: d, s: on board, on the way, and between the clocks of the log.
-        thrust_voltage: n, for the battery's voltage V, where it was logged.
-        voltage: V0, V.
+        thrust_voltage: n, for the battery's voltage V, where it was logged; V0 is its mean over the flight.
     """
 
     attitude_gain: float
@@ -50,7 +49,6 @@ class Figures:
     drag_z: float
     delay: float
     thrust_voltage: float = 0.0
-    voltage: float = 3.7
 
     @property
     def lag_and_delay(self) -> float:
@@ -91,7 +89,7 @@ def respond(motion: Motion, figures: Figures) -> tuple[FloatArray, FloatArray]:
     tilt = lfilter(numerator, denominator, goal, axis=0)
     thrust = lagging(command[:, 2] / PWM_FULL, figures)
     if len(motion.samples.voltage):  # it changes slowly: the lag of the thrust is nothing to it
-        thrust = thrust * (motion.samples.voltage / figures.voltage) ** figures.thrust_voltage
+        thrust = thrust * (motion.samples.voltage / motion.samples.mean_voltage) ** figures.thrust_voltage
     return np.asarray(tilt), thrust
 
 

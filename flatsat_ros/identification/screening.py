@@ -80,6 +80,11 @@ class Samples:
         return float(np.sqrt(np.mean(np.median(squares, axis=0)) / 0.4549)) if len(squares) else math.nan
 
     @property
+    def mean_voltage(self) -> float:
+        """Mean of the battery's voltage where the flight is usable, V; NaN: not known."""
+        return float(np.mean(self.voltage[self.usable])) if len(self.voltage) else math.nan
+
+    @property
     def seconds(self) -> float:
         """Usable time, s."""
         return float(np.count_nonzero(self.usable)) * STEP

@@ -15,7 +15,7 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle, profile_document
 from flatsat_ros.identification.disturbances import disturbances
 from flatsat_ros.identification.fit import BOUNDS, excited, fit
-from flatsat_ros.identification.identified import Identified, figures_of, identify, profile_of
+from flatsat_ros.identification.identified import Identified, identify, profile_of
 from flatsat_ros.identification.log import FlightLog
 from flatsat_ros.identification.report import lines
 from flatsat_ros.identification.residuals import REACH, Flight, misfit, twice_integrated
@@ -105,7 +105,7 @@ def test_flights_with_a_battery_that_empties_tell_thrust_over_voltage(weak: Vehi
 def test_without_a_voltage_in_the_logs_thrust_over_voltage_stays_the_bases(found: Identified) -> None:
     base = replace(CF21, thrust_voltage=0.3, voltage=3.8)
     assert "thrust_voltage" in found.unknown
-    profile = profile_of(replace(found, common=replace(found.common, figures=figures_of(base))), base, "mine")
+    profile = profile_of(found, base, "mine")
     assert (profile.thrust_voltage, profile.voltage) == (0.3, 3.8)
     assert any("thrust over voltage" in line and "not told" in line for line in lines(found, CF21))
 
