@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.signal import savgol_coeffs
+from tqdm import tqdm
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "support"))
 
@@ -232,47 +233,50 @@ def coverage(known: Identified, others: Sequence[Samples], base: VehicleProfile)
         )
 
 
+def hits(run: int) -> dict[str, bool]:
+    """Tell for each figure that three flights of a simulated drone tell whether the truth is in its interval."""
+    names = ("cf21", "cf21_plus", "cf2x_2025", "thrust_kit", "brushless")
+    draw = np.random.default_rng((run, 14))
+    base = load_vehicle(names[run % len(names)])
+    gain, weight, slope = draw.uniform(0.7, 1.0), draw.uniform(0.8, 1.2), draw.uniform(0.75, 1.0)
+    charge, full = draw.uniform(0.0, 0.8), draw.uniform(3.6, 4.1)
+    delay = round(draw.uniform(0.0, 0.06) / 0.002) * 0.002
+    dynamics = dataclasses.replace(base.dynamics, attitude_gain=gain, thrust_gain=1.0)
+    drone = dataclasses.replace(base, dynamics=dynamics, thrust_slope=slope, thrust_voltage=charge)
+    voltages = full, full - 0.25
+    seeds = range(3 * run, 3 * run + 3)
+    logs = fly(drone, seeds, seconds=20.0, delay=delay, noise=1e-3, weight=weight, voltages=voltages)
+    wandering = [  # of the clock of the commands, 10 ms from flight to flight
+        dataclasses.replace(log, command_time=log.command_time + draw.uniform(-0.005, 0.005)) for log in logs
+    ]
+    found = identify([screen(log) for log in wandering], base)
+    truth = {
+        "attitude_gain": gain,
+        "lag_and_delay": base.dynamics.attitude.mean_delay + delay,
+        "thrust_slope": slope,
+        "drag_xy": base.dynamics.drag_xy,
+        "drag_z": base.dynamics.drag_z,
+        "velocity_tilt": 0.0,
+        "thrust_voltage": charge,
+        "thrust_available": weight * drone.thrust_max * float(drone.voltage_factor(sum(voltages) / 2.0)),
+    }
+    if base.dynamics.attitude.actuator_lag == 0.0:  # else the attitude is of third order
+        attitude = base.dynamics.attitude
+        truth |= {"natural_frequency": attitude.natural_frequency, "damping": attitude.damping}
+    if base.dynamics.thrust_lag_up == base.dynamics.thrust_lag_down:
+        truth["thrust_lag"] = base.dynamics.thrust_lag_up
+    intervals = {name: found.figures[name].interval for name in truth}
+    return {name: ends[0] <= truth[name] <= ends[1] for name, ends in intervals.items() if ends is not None}
+
+
 def simulated(runs: int) -> None:
     """Print how often the truth is inside the interval, for simulated drones of all packaged profiles."""
-    names = ("cf21", "cf21_plus", "cf2x_2025", "thrust_kit", "brushless")
-    inside: dict[str, list[bool]] = {name: [] for name in NAMES}
-    for run in range(runs):
-        draw = np.random.default_rng((run, 14))
-        base = load_vehicle(names[run % len(names)])
-        gain, weight, slope = draw.uniform(0.7, 1.0), draw.uniform(0.8, 1.2), draw.uniform(0.75, 1.0)
-        charge, full = draw.uniform(0.0, 0.8), draw.uniform(3.6, 4.1)
-        delay = round(draw.uniform(0.0, 0.06) / 0.002) * 0.002
-        dynamics = dataclasses.replace(base.dynamics, attitude_gain=gain, thrust_gain=1.0)
-        drone = dataclasses.replace(base, dynamics=dynamics, thrust_slope=slope, thrust_voltage=charge)
-        known = {"seconds": 20.0, "delay": delay, "noise": 1e-3, "weight": weight, "voltages": (full, full - 0.25)}
-        logs = fly(drone, range(3 * run, 3 * run + 3), **known)
-        wandering = [  # of the clock of the commands, 10 ms from flight to flight
-            dataclasses.replace(log, command_time=log.command_time + draw.uniform(-0.005, 0.005)) for log in logs
-        ]
-        found = identify([screen(log) for log in wandering], base)
-        truth = {
-            "attitude_gain": gain,
-            "lag_and_delay": base.dynamics.attitude.mean_delay + delay,
-            "thrust_slope": slope,
-            "drag_xy": base.dynamics.drag_xy,
-            "drag_z": base.dynamics.drag_z,
-            "velocity_tilt": 0.0,
-            "thrust_voltage": charge,
-            "thrust_available": weight * drone.thrust_max * drone.voltage_factor(full - 0.125),
-        }
-        if base.dynamics.attitude.actuator_lag == 0.0:  # else the attitude is of third order
-            attitude = base.dynamics.attitude
-            truth |= {"natural_frequency": attitude.natural_frequency, "damping": attitude.damping}
-        if base.dynamics.thrust_lag_up == base.dynamics.thrust_lag_down:
-            truth["thrust_lag"] = base.dynamics.thrust_lag_up
-        for name, value in truth.items():
-            interval = found.figures[name].interval
-            if interval is not None:
-                inside[name].append(interval[0] <= value <= interval[1])
+    found = [hits(run) for run in tqdm(range(runs), desc="simulated drones", leave=False)]
     print(f"\ntruth inside the interval, {runs} simulated drones with 3 flights each")
-    for name, hits in inside.items():
-        if hits:
-            print(f"  {name:20s} {np.mean(hits):5.0%} of {len(hits)}")
+    for name in NAMES:
+        told = [each[name] for each in found if name in each]
+        if told:
+            print(f"  {name:20s} {np.mean(told):5.0%} of {len(told)}")
 
 
 def recordings(folder: Path) -> None:
