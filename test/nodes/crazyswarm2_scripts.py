@@ -5,8 +5,10 @@ They run with sim_server, and with crazyswarm2's own Python server and simulated
 
 from __future__ import annotations
 
+import ast
 import os
 import pty
+import re
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -18,7 +20,7 @@ from crazyflie_interfaces.msg import LogDataGeneric, Status
 from crazyflie_interfaces.srv import AddLogging, RemoveLogging
 from geometry_msgs.msg import Twist
 from numpy.polynomial.polynomial import polyval
-from udp_server import Server
+from udp_server import STANDINS, Server
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.nodes.ros import interfaces, messages
@@ -54,15 +56,16 @@ class Flight:
         self._log = folder / "script.log"
         self.output = ""
 
-    def fly(self, script: str, keys: bytes = b"", until: Callable[[], bool] = lambda: False) -> None:
-        """Run a script to its end, or until something holds; press keys when it asks for a button."""
+    def fly(self, script: str | Path, keys: bytes = b"", until: Callable[[], bool] = lambda: False) -> None:
+        """Run a script, an example's name or a file, to its end, or until something holds; press keys if it asks."""
+        program = [str(script)] if isinstance(script, Path) else ["-m", f"crazyflie_examples.{script}"]
         asks, answers = pty.openpty()
         # another environment than that of the tests: its libraries are its own
         environment = {**os.environ, "LD_LIBRARY_PATH": os.environ["CRAZYSWARM2_LIBRARIES"]}
         environment.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None)
         with self._log.open("wb") as log:
             running = subprocess.Popen(
-                [PYTHON, "-u", "-m", f"crazyflie_examples.{script}"],
+                [PYTHON, "-u", *program],
                 stdin=answers,
                 stdout=log,
                 stderr=subprocess.STDOUT,
@@ -288,6 +291,35 @@ def test_vel_mux(flight: Flight, lab: Lab) -> None:
     flight.fly("vel_mux", until=over)
     timer.cancel()
     assert flight.track("cf231")[1][:, 2].max() == pytest.approx(0.5, abs=0.15)
+
+
+def test_calls_that_no_example_makes(simulation: Flight) -> None:
+    simulation.fly(STANDINS / "calls.py")
+    for told in (
+        "numbers = [5, 231]",
+        "mask = 4",
+        "position = [0.3, 0.5, 0.5]",
+        "pose = 0.5, battery = 4.0",
+        "heights = [0.5, 0.0]",
+    ):
+        assert told in simulation.output
+    assert simulation.passes("cf231", (0.0, 0.5, 0.9))
+    assert simulation.passes("cf231", (0.4, 0.5, 0.9))
+    assert simulation.passes("cf5", (0.0, -0.5, 0.5))
+    simulation.require_landed()
+
+
+def test_every_call_and_launch_argument_of_crazyswarm2_has_its_row() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "crazyswarm2.md").read_text(encoding="utf-8")
+    _, _, after = page.partition("## What serves scripts and launch arguments")
+    rows = [line.split("|")[1] for line in after.partition("\n## ")[0].splitlines() if line.startswith("| `")]
+    named = {name for row in rows for name in re.findall(r"`(?:\w+\.)*(\w+)`", row)}
+    api = ast.parse((SOURCE / "crazyflie_py" / "crazyflie_py" / "crazyflie.py").read_text(encoding="utf-8"))
+    classes = [node for node in api.body if isinstance(node, ast.ClassDef)]
+    calls = {each.name for node in classes for each in node.body if isinstance(each, ast.FunctionDef)}
+    launch = (SOURCE / "crazyflie" / "launch" / "launch.py").read_text(encoding="utf-8")
+    arguments = set(re.findall(r"DeclareLaunchArgument\('(\w+)'", launch))
+    assert named == arguments | {name for name in calls if not name.startswith("_") and "callback" not in name}
 
 
 def test_a_log_block_is_added_and_removed(simulation: Flight, lab: Lab) -> None:
