@@ -3,6 +3,7 @@
 const SHOWN = 30; // s, of the curves
 const LOST = 1.5; // s without news, after which the page says so
 const AGAIN = 0.25; // s, after which a page for which there was no room asks again
+const REST = 3; // times as long as a browser took to draw, the view stays as it is
 const LATE = 0.5; // s, age of a pose that is shown in red
 const SILENT = 3.5; // s, age of what is told of a link once a second, after which it is not shown any more
 const LATECOMERS = 2.0; // s, that the view waits for the poses of all drones
@@ -99,13 +100,18 @@ class ConsolePage {
     this.tell(picture);
     if (this.isDue) return;
     this.isDue = true;
+    this.asked = this.now();
     requestAnimationFrame(() => this.draw());
   }
 
   draw() {
     this.isDue = false;
     const time = this.flight.end;
-    if (this.view) this.view.show(time);
+    if (this.view && this.now() > this.rested) {
+      this.view.show(time);
+      // a machine that draws slowly, without a graphics card, needs its processor for the flight
+      this.rested = this.now() + REST * (this.now() - this.asked);
+    }
     this.fillCards(time);
     if (this.now() - this.drawn < 0.2) return;
     this.drawn = this.now();
@@ -124,7 +130,7 @@ class ConsolePage {
 
   build(picture, names) {
     this.origin = picture.time - 0.01;
-    this.drawn = -Infinity;
+    this.drawn = this.rested = -Infinity;
     this.flight = new LiveFlight(picture.setup, names);
     if (this.view) this.view.close();
     for (const part of ["scene", "timeline", "plots", "cards"]) this.parts[part].replaceChildren();
