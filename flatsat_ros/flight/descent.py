@@ -19,6 +19,7 @@ _CHANGE = 1.0  # m/s^2, to come to that speed
 # the descent lasts this much longer than its height needs at that speed, relatively and in s
 _LONGER, _LATER = 1.3, 1.0
 _SEEN = 3.0  # and so many times as long while poses, if there are any, show it in the air
+_DECEIVED = 2.0  # or if poses that stand still came before: its thrust and its climb are known less well
 
 
 class BlindDescent:
@@ -71,6 +72,13 @@ class BlindDescent:
         """Let no descent last longer because the clock was set back to now, s."""
         self._began = np.where(np.isfinite(self._began), np.minimum(self._began, now), np.inf)
 
-    def over(self, now: float, aloft: np.ndarray) -> np.ndarray:
-        """Tell whose descent has lasted long enough, (N,): for those that are seen in the air three times as long."""
-        return np.asarray(now - self._began >= np.where(aloft, _SEEN, 1.0) * self._length)
+    def over(self, now: float, aloft: np.ndarray, deceived: np.ndarray) -> np.ndarray:
+        """Tell whose descent has lasted long enough, (N,): for those that are seen in the air three times as long.
+
+        Args:
+            now: s.
+            aloft: (N,) who is seen in the air.
+            deceived: (N,) whose poses stand still; they are not seen.
+        """
+        longer = np.where(deceived, _DECEIVED, np.where(aloft, _SEEN, 1.0))
+        return np.asarray(now - self._began >= longer * self._length)

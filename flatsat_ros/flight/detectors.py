@@ -18,6 +18,9 @@ _CARRIED_TIME = 0.9  # a body that is pushed so and falls freely moves farther i
 LIFTED_OFF = 0.05
 # an upward acceleration of this much, m/s^2, is a command to climb
 _CLIMB = 0.5
+# a drone that a thrust that lifts whoever can be flown does not lift by so much, m, within this time, s, stays on the
+# ground, or its poses do not show that it leaves it.
+_ENOUGH_RISE, _ENOUGH_TIME = 0.01, 0.3
 # a drone that moves sideways by so much, m, before it has left the ground does not climb where it is told to
 _SLID = 0.15
 
@@ -94,22 +97,27 @@ class LiftOffDetector:
         sunk: (N,) who of these is seen below the ground instead.
     """
 
-    def __init__(self, count: int, patience: float) -> None:
+    def __init__(self, count: int, patience: float, enough: float = math.inf) -> None:
         """Watch nobody at first.
 
         Args:
             count: N.
             patience: s of a commanded climb after which a drone that is still on the ground will not leave it.
+            enough: times the thrust of a hover that lift whoever can be flown.
         """
-        self._patience = patience
+        self._patience, self._enough = patience, enough
         self.standing = self.slid = self.sunk = np.zeros(count, dtype=bool)
         self._place = np.zeros((count, 3))  # where each stood last, m
         self._held_since = np.full(count, np.inf)
+        self._enough_since = np.full(count, np.inf)
+        self._last = np.inf  # s, of the last look
+        self._unseen = np.zeros((count, 2))  # rise, m, and climb rate, m/s, of each if its thrust is what is asked for
 
     def begin(self, index: int, place: FloatArray) -> None:
         """Watch drone index, which stands at a place (3,), m, and is about to take off."""
         self.standing = self.standing.copy()
         self.standing[index], self._place[index], self._held_since[index] = True, place, np.inf
+        self._enough_since[index], self._unseen[index] = np.inf, 0.0
 
     def risen(self, index: int, place: FloatArray) -> float:
         """Return how high drone index, which is seen at a place (3,), m, is if all its way led upward, m."""
@@ -120,15 +128,29 @@ class LiftOffDetector:
         way = place - self._place[index]
         return np.asarray(way / np.linalg.norm(way))
 
-    def held(self, now: float, place: FloatArray, upward: FloatArray, flying: np.ndarray) -> np.ndarray:
+    def rise(self, place: FloatArray) -> FloatArray:
+        """Return how far each has risen from where it stood, (N,) m; place is (N, 3) or more, m."""
+        return np.asarray(place[:, 2] - self._place[:, 2])
+
+    def unseen(self, index: int) -> tuple[float, float]:
+        """Return how high, m, and how fast, m/s, drone index is by now if its poses do not show that it climbs."""
+        rise, climb = self._unseen[index].tolist()
+        return rise, climb
+
+    def held(
+        self, now: float, place: FloatArray, upward: FloatArray, scale: FloatArray, gravity: float, flying: np.ndarray
+    ) -> np.ndarray:
         """Tell which drones have been commanded to climb for too long without leaving the ground, (N,).
 
         Args:
             now: s.
             place: (N, 3) m.
             upward: (N,) vertical acceleration that was commanded at the last tick, m/s^2.
+            scale: (N,) by which the thrust is divided that is asked for.
+            gravity: g, m/s^2.
             flying: (N,) who is steered.
         """
+        elapsed, self._last = max(now - self._last, 0.0), now
         if not np.count_nonzero(self.standing):
             self.slid = self.sunk = self.standing
             return np.zeros(flying.size, dtype=bool)
@@ -139,7 +161,13 @@ class LiftOffDetector:
         self.slid = flying & self.standing & (np.hypot(moved[:, 0], moved[:, 1]) > _SLID)
         waiting = flying & self.standing & (upward >= _CLIMB)
         self._held_since = np.where(waiting, np.minimum(self._held_since, now), np.inf)
-        return np.asarray(now - self._held_since >= self._patience)
+        share = (upward + gravity) / (gravity * scale)
+        rise, climb = self._unseen[:, 0], self._unseen[:, 1]
+        climb = np.where(flying & self.standing, np.maximum(climb + elapsed * gravity * (share - 1.0), 0.0), 0.0)
+        self._unseen = np.stack([rise + elapsed * climb, climb], axis=1)
+        enough = flying & self.standing & (share >= self._enough) & (moved[:, 2] < _ENOUGH_RISE)
+        self._enough_since = np.where(enough, np.minimum(self._enough_since, now), np.inf)
+        return np.asarray((now - self._held_since >= self._patience) | (now - self._enough_since >= _ENOUGH_TIME))
 
 
 class FallDetector:

@@ -58,13 +58,13 @@ class Situation:
         requested: a reference was given since the motors were last stopped.
         unlocking: it was armed on the ground and shall be unlocked without flying.
         touched_down: it was asked to land and something carries it.
-        held: it was commanded to climb for the lift-off time and has not left the ground.
-        retried: it has been unlocked a second time already; the first time its link may not have been there yet.
+        held: it was commanded to climb, for the lift-off time or by much, and was not seen to leave the ground.
         fell: it falls, or lies still, against the command.
         astray: it does not move as it is commanded to: its poses or its attitude are not what they seem.
         descended: it has sunk without position for as long as its last known height needs.
         rearmed: a person armed it.
         grounded: it was unlocked and has not left the ground yet.
+        linked: somebody takes its commands, as far as is known.
     """
 
     elapsed: float
@@ -77,12 +77,12 @@ class Situation:
     unlocking: bool = False
     touched_down: bool = False
     held: bool = False
-    retried: bool = False
     fell: bool = False
     astray: bool = False
     descended: bool = False
     rearmed: bool = False
     grounded: bool = False
+    linked: bool = True
 
     @property
     def wanted(self) -> bool:
@@ -118,6 +118,7 @@ class Event(Enum):
     START_AGAIN = "a new reference is there"
     ARMED = "armed on the ground"
     NOTHING_TO_DO = "nothing to fly"
+    UNHEARD = "the take-off is given up: nobody takes its commands"
     TAKE_OFF_LOST = "the take-off is given up: no usable pose"
     UNLOCKED_TO_FLY = "the thrust lock is open"
     UNLOCKED = "the thrust lock is open, for others to fly"
@@ -126,10 +127,8 @@ class Event(Enum):
     POSE_BACK = "poses are back"
     POSE_BACK_LATE = "poses are back after a descent without them: it goes on"
     TOUCHED_DOWN = "touched down"
-    HELD = "told to climb, but it did not leave the ground: unlocked once more"
-    HELD_AGAIN = (
-        "told to climb, but it did not leave the ground after a second unlocking: motors stopped until armed again"
-    )
+    HELD = "told to climb, but it is not seen to leave the ground: in case it has, it sinks without position"
+    NOT_LIFTED = "not seen to leave the ground (locked, too heavy, another body's poses?): motors stopped until armed"
     FELL = "it falls or lies still against the command: motors stopped until armed"
     ASTRAY = "it does not move as commanded: it brakes by what was seen of that, and sinks"
     LEVEL_TIME_OVER = "still no pose: it sinks without position"
@@ -146,15 +145,16 @@ CONDITIONS: dict[Event, tuple[str, ...]] = {
     Event.ARMED: ("usable", "unlocking", "standing"),
     Event.NOTHING_TO_DO: ("not wanted",),
     Event.TAKE_OFF_LOST: ("not usable", "waited"),
-    Event.UNLOCKED_TO_FLY: ("usable", "requested", "unlocked"),
+    Event.UNHEARD: ("not linked", "waited"),
+    Event.UNLOCKED_TO_FLY: ("usable", "requested", "unlocked", "linked"),
     Event.UNLOCKED: ("not requested", "unlocked"),
     Event.POSE_LOST: ("not usable",),
     Event.POSE_LOST_GROUNDED: ("not usable", "grounded"),
     Event.POSE_BACK: ("usable",),
-    Event.POSE_BACK_LATE: ("usable", "steady", "not astray"),
+    Event.POSE_BACK_LATE: ("usable", "steady", "not astray", "not held"),
     Event.TOUCHED_DOWN: ("touched_down",),
-    Event.HELD: ("held", "not retried"),
-    Event.HELD_AGAIN: ("held", "retried"),
+    Event.HELD: ("held",),
+    Event.NOT_LIFTED: ("held", "descended"),
     Event.FELL: ("fell",),
     Event.ASTRAY: ("astray",),
     Event.LEVEL_TIME_OVER: ("levelled",),
@@ -168,6 +168,7 @@ TABLE: dict[Mode, tuple[tuple[Event, Mode], ...]] = {
     Mode.UNLOCK: (
         (Event.NOTHING_TO_DO, Mode.IDLE),
         (Event.TAKE_OFF_LOST, Mode.IDLE),
+        (Event.UNHEARD, Mode.IDLE),
         (Event.UNLOCKED_TO_FLY, Mode.FLY),
         (Event.UNLOCKED, Mode.IDLE),
     ),
@@ -177,11 +178,14 @@ TABLE: dict[Mode, tuple[tuple[Event, Mode], ...]] = {
         (Event.ASTRAY, Mode.DESCEND),
         (Event.FELL, Mode.FALLEN),
         (Event.TOUCHED_DOWN, Mode.REST),
-        (Event.HELD, Mode.UNLOCK),
-        (Event.HELD_AGAIN, Mode.FALLEN),
+        (Event.HELD, Mode.DESCEND),
     ),
     Mode.LEVEL: ((Event.POSE_BACK, Mode.FLY), (Event.LEVEL_TIME_OVER, Mode.DESCEND)),
-    Mode.DESCEND: ((Event.POSE_BACK_LATE, Mode.FLY), (Event.DESCENDED, Mode.CUT)),
+    Mode.DESCEND: (
+        (Event.NOT_LIFTED, Mode.FALLEN),
+        (Event.POSE_BACK_LATE, Mode.FLY),
+        (Event.DESCENDED, Mode.CUT),
+    ),
     Mode.CUT: ((Event.START_AGAIN, Mode.UNLOCK),),
     Mode.REST: ((Event.RESTED, Mode.IDLE),),
     Mode.FALLEN: ((Event.REARMED, Mode.IDLE),),

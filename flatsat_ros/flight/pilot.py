@@ -190,6 +190,10 @@ class Pilot:
         height = float(self._step.state[index, 2]) if self._step.usable[index] else None
         self._parts.supervisor.arm(index, armed, height)
 
+    def note_link(self, index: int, linked: bool) -> None:
+        """Note whether somebody takes the commands of drone index: before that its thrust lock cannot be opened."""
+        self._parts.supervisor.linked[index] = linked
+
     def is_opening(self, index: int) -> bool:
         """Tell whether drone index was armed on the ground and its thrust lock is about to be opened."""
         return bool(self._parts.supervisor.unlocking[index])

@@ -38,8 +38,8 @@ class Policy:
         pose_timeout: age, s, above which a pose is stale and the drone is levelled; at most estimator.PREDICTION_MAX.
         level_time: s without poses in which the drone is held level before it sinks without position.
         unlock_time: s of zero thrust that open the firmware's thrust lock before take-off.
-        lift_off_time: s of a commanded climb that leave the drone on the ground, after which it is unlocked once more,
-            the second time taken for fallen.
+        lift_off_time: s of a commanded climb after which a drone that is not seen to leave the ground sinks, in case
+            that it has, and its motors are stopped; after less time if it is commanded as much as lifts any.
         rest_time: s of zero thrust after touch-down; the firmware needs more than 1.8 s.
         level_thrust: thrust while the drone sinks and nothing is known of its motors, as a fraction of g, at most 1.
         drag: vertical drag over the mass, 1/s, by which a drone that sinks without position is slowed; 0 if unknown.

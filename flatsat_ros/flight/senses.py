@@ -22,6 +22,7 @@ from flatsat_ros.flight.modes import AIRBORNE, Mode
 from flatsat_ros.flight.policy import Policy, YawSource
 from flatsat_ros.flight.supervisor import Sight
 from flatsat_ros.flight.thrust import ThrustScale
+from flatsat_ros.flight.unmoved import DOUBTFUL, STILL, UnmovedDetector
 
 _FLY = Mode.FLY.value
 # the detectors look so often, s: they judge by what lasts for tenths of a second
@@ -32,17 +33,21 @@ _YAW_TIME = 0.5
 _YAW_SETTLES = 3.0
 # near the ground, m, a drone is not judged by its motion: something may carry it
 _NEAR_GROUND = 0.15
-# a drone on the ground that is commanded upward by this, m/s^2, and stays this slow, m/s, has too little thrust
+# a drone on the ground that is commanded upward by this, m/s^2, and stays this slow, m/s, has too little thrust; where
+# the estimated velocity believes in the commands, one that has not risen by so much, m
 _LIFTING = 0.3
-_LIFTING_SLOW = 0.02
+_LIFTING_SLOW, _LIFTING_RISE = 0.02, 0.005
 # a certificate that knows nothing of lag and delay does not make the drone answer sooner than after this, s
 _LATE = 0.15
 # With a stiff law, whether a drone moves as it is commanded to is seen by its places at so many looks: its estimated
 # velocity believes in the commands, and follows a drone that does otherwise late. A soft law leaves time for that, and
 # lets gusts move a drone so far that they would be taken for a wrong sign.
 _PLACES = 2
+# so many times the thrust of a hover lift whoever can be flown, or as many as the weakest drone needs that is flown
+_ENOUGH = 1.3
 _SLID = "told to climb, it moves sideways instead: is z up in the poses?"
 _SUNK = "told to climb, it is seen {0:.2f} m below where it stood, at most {1:g} m: has z the other sign?"
+_UNMOVED = "poses whose z stays within {0:g} m, while commands should have changed it by {1:.2f} m: are they its own?"
 _BLOWN = "at the limit of its tilt and {0:.1f} m off its reference, no nearer for seconds: wind? It lands where it is"
 _SWINGS = "it swings from one side to the other: do poses or commands come too late?"
 _AGAINST = "at the limit of its tilt it goes another way than it is told to: is its yaw what yaw_source assumes?"
@@ -82,12 +87,14 @@ class Senses:
         self._tubes = None if flight is None else [axis.tube.position for axis in flight.axes]  # m
         self._policy = policy
         self._touch_down = TouchDownDetector(count)
-        self._lift_off = LiftOffDetector(count, policy.lift_off_time)
+        enough = max(_ENOUGH, 1.0 / max(1.0 - policy.thrust_error_max, 1e-3))
+        self._lift_off = LiftOffDetector(count, policy.lift_off_time, enough)
         self._fall = FallDetector(count)
         late = max(certificate.lag + certificate.delay, _LATE)
         turns = policy.yaw_source is not YawSource.MEASURED
         self._astray = AstrayDetector(count, self._period, late, turns=turns, wary=self._tubes is not None)
         self._late = late
+        self._unmoved = UnmovedDetector(count, self._period)
         self._limit = TiltLimitDetector(count, certificate.limits.tilt_max, gravity)
         self._bobbing = BobbingDetector(count)
         self._blown = np.zeros(count, dtype=bool)  # it lands because the wind is too strong, until it is down
@@ -100,6 +107,8 @@ class Senses:
         self._misled = np.zeros(count, dtype=bool)  # it sinks, and its height is not what its poses say
         self._up = np.zeros((count, 3))  # of those, the direction in which they have left the ground
         self._gone_astray = np.zeros(count, dtype=bool)  # until it is down
+        self._stands = np.zeros(count, dtype=bool)  # it sinks, and its poses stand still
+        self._held = np.zeros(count, dtype=bool)  # it was not seen to take off, until its motors stop
         self._taken = np.full(count, -np.inf)  # stamps of the poses that were learnt from last, s
         self._free = np.zeros(count, dtype=bool)  # steered in the air, away from the ground
         self._acceleration = np.zeros((count, 3))  # commanded at the last tick, m/s^2
@@ -145,18 +154,20 @@ class Senses:
         state, disturbance = estimated[:, :6], estimated[:, 6:]
         upward = self._acceleration[:, 2]
         flying = (mode == _FLY) & usable
-        held = self._lift_off.held(now, state[:, :3], upward, flying)
+        scale = self.thrust.scale
+        self._held = self._held | self._lift_off.held(now, state[:, :3], upward, scale, self._gravity, flying)
         self._judge_lift_off(state)
         standing = self._lift_off.standing
         height = np.where(flying & ~standing, state[:, 2] - guidance.ground, np.inf)
+        aloft = usable & ~self._misled & (state[:, 2] - guidance.ground > _NEAR_GROUND)
         self._sight = Sight(
             height=state[:, 2],
             usable=usable,
             touched_down=self._touch_down.carried(now, state[:, 2], upward, flying & guidance.landing),
-            held=held,
+            held=self._held,
             fell=self._fall.fell(now, state, disturbance[:, 2], upward, height),
             astray=self._gone_astray,
-            descended=self.descent.over(now, usable & ~self._misled & (state[:, 2] - guidance.ground > _NEAR_GROUND)),
+            descended=self.descent.over(now, aloft, self._stands),
             grounded=self.grounded,
         )
         return self._sight
@@ -176,10 +187,22 @@ class Senses:
         self._misled = self._misled | anew
         self._gone_astray = self._gone_astray | anew
 
+    def _judge_still(self, estimated: FloatArray, error: FloatArray, watched: np.ndarray) -> None:
+        """Take those for astray that are watched, (N,), and seen to stand still, (N,) m off, see `flight.unmoved`."""
+        unmoved = self._unmoved.look(estimated, self._push[:, 2], error, watched, self.thrust.settled)
+        anew = unmoved & ~self._gone_astray
+        if not np.count_nonzero(anew):
+            return
+        for index in map(int, np.flatnonzero(anew)):
+            self._reports.append((index, _UNMOVED.format(STILL, float(self._unmoved.way[index]))))
+        self._stands = self._stands | anew
+        self._gone_astray = self._gone_astray | self._stands
+
     def note(
         self,
         acceleration: FloatArray,
         estimated: FloatArray,
+        error: FloatArray,
         yaw: FloatArray,
         flying: np.ndarray,
         landing: np.ndarray,
@@ -191,6 +214,7 @@ class Senses:
         Args:
             acceleration: (N, 3) commanded, m/s^2.
             estimated: (N, 9), see `look`.
+            error: (N, 6) state minus reference, m and m/s.
             yaw: (N,) psi, rad.
             flying: (N,) who is steered.
             landing: (N,) who lands, and may be carried by something when it is low.
@@ -206,8 +230,11 @@ class Senses:
         standing = self._lift_off.standing
         high = flying & (estimated[:, 2] >= self._low)
         free = high & ~standing
-        lifting = flying & standing & (acceleration[:, 2] >= _LIFTING) & (climb < _LIFTING_SLOW)
-        learning = flying & ~(standing & self._unlocked) & (high | ~landing)
+        slow = climb < _LIFTING_SLOW if self._tubes is None else self._lift_off.rise(estimated) < _LIFTING_RISE
+        lifting = flying & standing & (acceleration[:, 2] >= _LIFTING) & slow
+        self._judge_still(estimated, error[:, 2], free & ~landing)
+        certain = np.abs(self._unmoved.way) < DOUBTFUL
+        learning = flying & ~(standing & self._unlocked) & (high | ~landing) & certain
         span: float | FloatArray = self._period
         # what is learnt quickly is not learnt again from a disturbance that no new pose has confirmed
         if newest is not None and self._tubes is not None:
@@ -230,7 +257,7 @@ class Senses:
         if np.count_nonzero(self.braking.active):
             for index in map(int, np.flatnonzero(self.braking.active)):
                 self.braking.learn(index, self._astray.answer(index))
-        self._lift += (self._period / _LIFT_TIME) * np.where(high, disturbance[:, 2] - self._lift, 0.0)
+        self._lift += (self._period / _LIFT_TIME) * np.where(high & certain, disturbance[:, 2] - self._lift, 0.0)
         self._push, self._free = np.zeros_like(self._push), free
         return self._free
 
@@ -349,7 +376,15 @@ class Senses:
         if after is Mode.LEVEL or (after is Mode.DESCEND and before is Mode.FLY):
             lift = float(self._lift[index]) if self.thrust.is_settled(index) else None
             climb = float(estimated[5])
-            if self._misled[index]:  # that may be its height, and its speed the climb rate
+            if self._held[index]:
+                (height, climb), lift = self._lift_off.unseen(index), 0.0
+                height += float(estimated[2])
+                self.thrust.forget(index)  # it was not too weak for a take-off after all
+                self.thrust.take_over(index)
+            elif self._stands[index]:
+                rise, climb = self._unmoved.climb(index)
+                height += rise
+            elif self._misled[index]:  # that may be its height, and its speed the climb rate
                 height = self._lift_off.risen(index, estimated[:3])
                 climb = float(np.linalg.norm(estimated[3:6]))
             self.descent.begin(index, now, height - float(guidance.ground[index]), climb, lift)
@@ -358,8 +393,10 @@ class Senses:
             self.braking.begin(index, answer, estimated[3:5], under_way)
         if after in (Mode.CUT, Mode.REST, Mode.FALLEN, Mode.IDLE):
             self._gone_astray[index] = self._blown[index] = self.braking.active[index] = False
-            self._misled[index] = False
-        if after is Mode.FALLEN or (before is Mode.FLY and after is Mode.UNLOCK):
+            self._misled[index] = self._stands[index] = False
+        if after not in AIRBORNE:
+            self._held[index] = False
+        if after is Mode.FALLEN or (before in AIRBORNE and after is Mode.UNLOCK):
             self.thrust.forget(index)
         if before is Mode.IDLE and after is Mode.FLY:
             self.thrust.take_over(index)

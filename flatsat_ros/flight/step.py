@@ -118,7 +118,9 @@ class ControlStep:
 
         assessment = parts.loop.assess(output, acceleration, flying)
         guessed = None if parts.orientations.measured else unseen
-        free = senses.note(commanded, estimated, estimator.yaw, flying, guidance.landing, guessed, estimator.newest)
+        free = senses.note(
+            commanded, estimated, error, estimator.yaw, flying, guidance.landing, guessed, estimator.newest
+        )
         if parts.orientations.from_motion and senses.looked:
             estimator.yaw += senses.take_turns()
         if self._policy.goal_mode is GoalMode.PATH:  # steps take a drone to its limit by themselves

@@ -30,7 +30,7 @@ class Sight(NamedTuple):
         height: estimated z, m.
         usable: the estimate can be flown on.
         touched_down: asked to land, and carried by something.
-        held: told to climb, and still on the ground.
+        held: told to climb, and not seen to leave the ground.
         fell: falls or lies still against the command.
         astray: does not move as commanded.
         descended: has sunk without position for long enough.
@@ -55,19 +55,20 @@ class Supervisor:
         armed: (N,) who may take off; all at first.
         unlocking: (N,) who was armed on the ground and is about to be unlocked.
         requested: (N,) who got a reference since the motors were last stopped.
+        linked: (N,) whose commands somebody takes, as far as is known; all at first.
     """
 
     def __init__(self, policy: Policy, count: int) -> None:
         self.mode = np.full(count, Mode.IDLE.value)
         self.armed = np.ones(count, dtype=bool)
         self.unlocking = np.zeros(count, dtype=bool)
+        self.linked = np.ones(count, dtype=bool)
         self._policy = policy
         self._since = np.full(count, -np.inf)
         self.requested = np.zeros(count, dtype=bool)
         self._blind = np.zeros(count)  # see Situation, at the beginning of the mode, s
         self._usable_since = np.full(count, np.inf)  # of drones without poses
         self._patient = np.zeros(count, dtype=bool)  # it waits for poses that are lost; a take-off by service does not
-        self._retried = np.zeros(count, dtype=bool)  # unlocked a second time for the same reference
         self._rearmed = np.zeros(count, dtype=bool)  # a person armed it since it fell
         self._pending: list[Transition] = []  # made between two ticks
 
@@ -100,7 +101,7 @@ class Supervisor:
             index: which drone.
             patient: it waits for poses that are lost before take-off, be it much later.
         """
-        self.requested[index], self._patient[index], self._retried[index] = True, patient, False
+        self.requested[index], self._patient[index] = True, patient
 
     def arm(self, index: int, armed: bool, height: float | None) -> None:
         """Allow drone index to take off, or forbid it.
@@ -177,12 +178,12 @@ class Supervisor:
                 unlocking=bool(self.unlocking[index]),
                 touched_down=bool(sight.touched_down[index]),
                 held=bool(sight.held[index]),
-                retried=bool(self._retried[index]),
                 fell=bool(sight.fell[index]),
                 astray=bool(sight.astray[index]),
                 descended=bool(sight.descended[index]),
                 rearmed=bool(self._rearmed[index]),
                 grounded=bool(sight.grounded[index]),
+                linked=bool(self.linked[index]),
             )
             after, event = next_mode(before, situation)
             if event is Event.UNLOCKED_TO_FLY and starts == _STARTS:
@@ -207,7 +208,5 @@ class Supervisor:
         self.mode[index], self._since[index] = after.value, now
         if after in (Mode.CUT, Mode.REST, Mode.FALLEN):
             self.requested[index] = self._rearmed[index] = False
-        elif after is Mode.UNLOCK:
-            self._retried[index] |= event is Event.HELD
         elif after is Mode.IDLE:
             self.requested[index] &= self._patient[index]

@@ -91,9 +91,14 @@ class ThrustScale:
         """(N,) whose scale is still learnt faster than later; None if none ever is."""
         return self._learnt < _QUICK_TIME if self._quick and self._error_max > 0.0 else None
 
+    @property
+    def settled(self) -> np.ndarray:
+        """(N,) whose thrust was seen for long enough to be relied on."""
+        return self._learnt >= _SETTLED_TIME
+
     def is_settled(self, index: int) -> bool:
         """Tell whether the thrust of drone index was seen for long enough to be relied on."""
-        return bool(self._learnt[index] >= _SETTLED_TIME)
+        return bool(self.settled[index])
 
     def cautious(self, steered: np.ndarray) -> FloatArray:
         """Return the scale (N,), no less than 1 for drones that are not steered: they shall not climb by mistake.
@@ -102,4 +107,4 @@ class ThrustScale:
         """
         if np.count_nonzero(steered) == steered.size:
             return self.scale
-        return np.where(steered | (self._learnt >= _SETTLED_TIME), self.scale, np.maximum(self.scale, 1.0))
+        return np.where(steered | self.settled, self.scale, np.maximum(self.scale, 1.0))

@@ -69,6 +69,10 @@ class Commands:
             if last is not None:
                 self._publish(index, last)
 
+    def is_taken(self, index: int) -> bool:
+        """Tell whether somebody takes the commands of a drone."""
+        return bool(self._publishers[index].get_subscription_count() > 0)
+
     def flush(self) -> None:
         """Wait until what was sent is acknowledged, for a limited time."""
         end = time.monotonic() + _ENDING_TIME

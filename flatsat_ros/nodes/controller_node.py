@@ -270,6 +270,9 @@ class ControllerNode(ProgramNode):
         with self.faults.contain("plan"):
             for drone, text in self._plans.look(self._stamps.now):
                 self._log.report(self.robots[drone], text)
+        with self.faults.contain("links"):
+            for index in map(int, np.flatnonzero(self._pilot.mode == Mode.UNLOCK.value)):
+                self._pilot.note_link(index, self._commands.is_taken(index))
         tick = self._step()
         for index in range(len(self.robots)):
             self._commands.send(index, _silent if tick is None else tick.command)

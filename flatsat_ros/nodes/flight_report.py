@@ -17,7 +17,8 @@ from flatsat_ros.nodes.ros.throttle import Throttle
 
 # modes that no drone enters by anybody's wish
 _TROUBLE = (Mode.LEVEL, Mode.DESCEND, Mode.CUT, Mode.FALLEN)
-_UNWANTED = [event.value for event in (Event.TAKE_OFF_LOST, Event.POSE_LOST_GROUNDED, Event.HELD)]
+# take-offs that do not come
+_LOST = {event.value for event in (Event.TAKE_OFF_LOST, Event.UNHEARD, Event.POSE_LOST_GROUNDED)}
 
 # the same line is logged again after this time at the earliest, s: about a drone, and about a clock
 _SILENCE, _CLOCK_SILENCE = 1.0, 10.0
@@ -43,11 +44,9 @@ class FlightLog:
         if times is None:
             return
         text = f"{robot}: {before.name} -> {after.name}: {reason}{times}"
-        if reason in (Event.HELD.value, Event.HELD_AGAIN.value) and held:
+        if reason in (Event.HELD.value, Event.NOT_LIFTED.value) and held:
             text += f"; {held}"
-        elif reason == Event.HELD_AGAIN.value:
-            text += ". Locked until reboot, not linked, too heavy for its profile?"
-        if after in _TROUBLE or reason in _UNWANTED:
+        if after in _TROUBLE or reason in _LOST:
             self._logger.error(text)
         else:
             self._logger.info(text)

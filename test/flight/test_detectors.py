@@ -232,7 +232,7 @@ def test_a_drone_that_moves_sideways_before_it_leaves_the_ground_slides(way: flo
     detector.begin(0, np.array([1.0, 2.0, 0.1]))
     for share in np.linspace(0.0, 1.0, 10):
         place = np.array([[1.0, 2.0 - way * share, 0.1 + 0.3 * share * rises]])
-        detector.held(share, place, np.ones(1), ON)
+        detector.held(share, place, np.ones(1), np.ones(1), GRAVITY, ON)
     assert detector.slid[0] == (way > 0.15 and not rises)
     assert detector.risen(0, place[0]) == pytest.approx(0.1 + math.hypot(way, 0.3 * rises))
 
@@ -243,7 +243,7 @@ def test_a_drone_that_is_seen_below_the_ground_on_which_it_stood_has_risen_as_fa
     detector.begin(0, np.array([1.0, 2.0, -0.1]))
     for share in np.linspace(0.0, 1.0, 30):
         place = np.array([[1.0 + noise, 2.0 - noise, -0.1 - depth * share]])
-        detector.held(share, place, np.ones(1), ON)
+        detector.held(share, place, np.ones(1), np.ones(1), GRAVITY, ON)
         found |= bool(detector.sunk[0])
     assert found == (depth > 0.05)
     assert detector.risen(0, place[0]) == pytest.approx(-0.1 + math.hypot(noise, noise, depth))

@@ -102,7 +102,7 @@ def test_poses_that_do_not_come_teach_nothing_of_the_thrust() -> None:
     before = senses.thrust.scale.copy()
     for tick in range(20):
         newest = np.array([0.02 * tick, 7.0])
-        senses.note(np.zeros((2, 3)), estimated, np.zeros(2), ~none, none, newest=newest)
+        senses.note(np.zeros((2, 3)), estimated, estimated[:, :6], np.zeros(2), ~none, none, newest=newest)
         if tick == 1:
             first = senses.thrust.scale[1]
     assert senses.thrust.scale[0] > before[0] + 0.01

@@ -479,10 +479,8 @@ def test_a_drone_that_does_not_lift_off_has_fallen_and_flies_again_only_when_a_p
     world.held = True
     world.fly(0.5)
     world.pilot.set_reference(0, Trajectory.hold(GOAL))
-    ticks = world.fly(9.0)
-    assert modes(ticks) == [Mode.UNLOCK, Mode.FLY, Mode.UNLOCK, Mode.FLY, Mode.FALLEN]
-    told = sum(tick.mode[0] == Mode.FLY for tick in ticks) * CERTIFICATE.period
-    assert told == pytest.approx(2.0 * POLICY.lift_off_time, abs=1.5)
+    ticks = world.fly(25.0)
+    assert modes(ticks) == [Mode.UNLOCK, Mode.FLY, Mode.DESCEND, Mode.FALLEN]
     assert max(float(tick.output.gain[0]) for tick in ticks) > 2.0
     assert ticks[-1].output.gain[0] == 1.0
     assert modes(world.fly(3.0)) == [Mode.FALLEN]
@@ -501,16 +499,27 @@ def test_a_drone_that_does_not_lift_off_has_fallen_and_flies_again_only_when_a_p
     assert np.linalg.norm(world.x[0, :3] - GOAL) < 0.01
 
 
-def test_a_drone_whose_first_unlocking_went_unheard_is_unlocked_again_and_flies() -> None:
+def test_a_drone_whose_commands_nobody_takes_waits_with_its_take_off() -> None:
     world = World()
     world.held = True
     world.fly(0.5)
+    world.pilot.note_link(0, False)
     world.pilot.set_reference(0, Trajectory.hold(GOAL))
-    before = world.fly(4.0)
-    assert modes(before)[:3] == [Mode.UNLOCK, Mode.FLY, Mode.UNLOCK]
+    assert modes(world.fly(4.0)) == [Mode.UNLOCK]
+    world.pilot.note_link(0, True)
     world.held = False
-    assert modes(world.fly(12.0))[-1] is Mode.FLY
+    assert modes(world.fly(12.0)) == [Mode.FLY]
     assert np.linalg.norm(world.x[0, :3] - GOAL) < 0.01
+
+
+def test_a_take_off_is_given_up_if_nobody_takes_its_commands_for_seconds() -> None:
+    world = World()
+    world.fly(0.5)
+    world.pilot.note_link(0, False)
+    world.pilot.take_off(0, 0.5)
+    ticks = world.fly(7.0)
+    assert modes(ticks) == [Mode.UNLOCK, Mode.IDLE]
+    assert "nobody takes" in next(made.reason for tick in ticks for made in tick.transitions if made.after is Mode.IDLE)
 
 
 def test_a_drone_that_rests_on_the_ground_by_its_goal_is_not_cut() -> None:

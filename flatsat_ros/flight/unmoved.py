@@ -1,0 +1,74 @@
+"""Heights that stand still but for noise though commands should have moved the drone: they are of something else.
+
+The reference leads a drone to another height, but its height stays within a little, while what was commanded beyond the
+disturbance that was known should have led it far towards the reference. Motion capture repeats an old value, or tracks
+another body, or something holds the drone. Gusts, which commands counter while nothing moves, take no reference away.
+Along the horizontal a wrong body is noticed by motion that does not follow the commands, see `flight.astray`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flatsat_ros.base.arrays import FloatArray
+
+# a height stands still while it stays within so much, m; it is looked at for so long, s, and then anew
+STILL = 0.015
+_WINDOW = 0.8
+# while the reference is so far away, m,
+_AWAY = 0.1
+# in which it should have changed by so much, m, the second if the thrust is not known yet; from another change, m, on
+# nothing is learnt from it
+_WAY = 0.12, 0.4
+DOUBTFUL = 0.015
+
+
+class UnmovedDetector:
+    """The heights of N drones, from look to look.
+
+    Attributes:
+        way: (N,) how much higher each should be than where it has stood since, m.
+    """
+
+    def __init__(self, count: int, period: float) -> None:
+        """Begin with nobody watched.
+
+        Args:
+            count: N.
+            period: between two looks, s.
+        """
+        self._period = period
+        self._lasted = np.full(count, np.inf)  # s
+        self._height, self._speed, self._balance = np.zeros((3, count))  # m and m/s^2 at first; m/s by now
+        self._past = np.zeros((2, count))  # way, m, and speed, m/s, in the look before, if it stood still all the time
+        self.way = np.zeros(count)
+
+    def look(
+        self, estimated: FloatArray, push: FloatArray, error: FloatArray, watched: np.ndarray, settled: np.ndarray
+    ) -> np.ndarray:
+        """Return which heights have stood still though they should have changed, (N,).
+
+        Args:
+            estimated: (N, 9) position, velocity, disturbance: m, m/s, m/s^2.
+            push: (N,) commanded change of the climb rate since the last look, m/s.
+            error: (N,) height above the reference, m.
+            watched: (N,) who is steered in the air.
+            settled: (N,) whose thrust is known.
+        """
+        height, climb, disturbance = estimated[:, 2], estimated[:, 5], estimated[:, 8]
+        stands = (np.abs(height - self._height) <= STILL) & watched
+        still = stands & (self._lasted < _WINDOW)
+        self._past = np.where(still, self._past, np.where(stands, [self.way, self._speed], 0.0))
+        self._lasted = np.where(still, self._lasted + self._period, 0.0)
+        self._height = np.where(still, self._height, height)
+        self._balance = np.where(still, self._balance, disturbance)
+        self._speed = np.where(still, self._speed + push + self._period * self._balance, climb)
+        self.way = np.where(still, self.way + self._period * self._speed, 0.0)
+        led = np.where(np.abs(error) >= _AWAY, -np.sign(error) * self.way, 0.0)
+        return np.asarray(led >= np.where(settled, *_WAY))
+
+    def climb(self, index: int) -> tuple[float, float]:
+        """Return how far, m, and how fast, m/s, drone index should have climbed since its height stands still."""
+        way, speed = self._past[:, index].tolist()
+        lasted = float(self._lasted[index])
+        return way + speed * lasted + float(self.way[index]), speed + float(self._speed[index])

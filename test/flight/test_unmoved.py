@@ -1,0 +1,81 @@
+"""Heights that stand still though commands should change them, on the ground and in the air."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from flatsat_ros.flight.detectors import LiftOffDetector
+from flatsat_ros.flight.unmoved import UnmovedDetector
+
+PERIOD, GRAVITY = 0.05, 9.81
+ON, NONE = np.ones(1, dtype=bool), np.zeros(1, dtype=bool)
+COMMANDS = st.lists(st.floats(-3.0, 3.0), min_size=10, max_size=60)
+
+
+def first_alarm(
+    heights: np.ndarray, climbs: np.ndarray, commands: np.ndarray, reference: np.ndarray, balance: float = 0.0
+) -> int:
+    """The look at which a height is found to stand still, -1 for never; one value a look each."""
+    detector = UnmovedDetector(1, PERIOD)
+    for look, (height, climb, command, wanted) in enumerate(zip(heights, climbs, commands, reference, strict=True)):
+        estimated = np.array([[0.0, 0.0, height, 0.0, 0.0, climb, 0.0, 0.0, balance]])
+        error = np.array([height - wanted])
+        if detector.look(estimated, np.array([PERIOD * command]), error, ON, ON)[0]:
+            return look
+    return -1
+
+
+def noise(count: int, seed: int, deviation: float = 1e-3) -> np.ndarray:
+    return np.random.default_rng(seed).normal(0.0, deviation, count)
+
+
+@given(commands=COMMANDS, balance=st.floats(-2.0, 2.0), away=st.floats(-5.0, 5.0), seed=st.integers(0, 99))
+@settings(max_examples=40)
+def test_a_height_that_follows_its_commands_is_never_taken_for_still(
+    commands: list[float], balance: float, away: float, seed: int
+) -> None:
+    count = len(commands)
+    climbs = PERIOD * np.cumsum(np.array(commands) + balance)
+    heights = PERIOD * np.cumsum(climbs)
+    seen = heights + noise(count, seed)
+    assert first_alarm(seen, climbs, np.array(commands), heights + away, balance) == -1
+
+
+@given(strength=st.floats(0.6, 3.0), sign=st.sampled_from([-1.0, 1.0]), seed=st.integers(0, 99))
+@settings(max_examples=40)
+def test_a_still_height_is_found_within_the_way_that_the_drone_may_go(strength: float, sign: float, seed: int) -> None:
+    ramp = sign * strength * PERIOD * np.arange(60)  # m/s^2: the reference goes away, and the command grows
+    still = 1.0 + noise(60, seed)
+    found = first_alarm(still, noise(60, seed + 1, 0.01), ramp, 1.0 + sign * 0.3 * PERIOD * np.arange(60))
+    assert found > 0
+    true = PERIOD * np.cumsum(PERIOD * np.cumsum(ramp))
+    assert 0.1 < abs(true[found]) < 0.8
+
+
+@given(commands=COMMANDS, seed=st.integers(0, 99))
+@settings(max_examples=20)
+def test_a_still_height_near_its_reference_may_be_one_that_gusts_are_countered_at(
+    commands: list[float], seed: int
+) -> None:
+    still, nothing = 1.0 + noise(len(commands), seed), np.zeros(len(commands))
+    assert first_alarm(still, nothing, np.array(commands), nothing + 1.05) == -1
+
+
+@pytest.mark.parametrize(("share", "rises", "held"), [(1.32, 0.0, False), (1.4, 0.0, True), (1.4, 0.2, False)])
+def test_more_thrust_than_the_weakest_drone_needs_lifts_it_or_it_is_not_seen(
+    share: float, rises: float, held: bool
+) -> None:
+    detector, found = LiftOffDetector(1, 3.0, 1.333), False
+    detector.begin(0, np.zeros(3))
+    for look in range(20):
+        place = np.array([[0.0, 0.0, rises * (PERIOD * look) ** 2]])
+        upward = np.array([(share * 0.9 - 1.0) * GRAVITY])  # as much with a scale of 0.9
+        found |= bool(detector.held(PERIOD * look, place, upward, np.array([0.9]), GRAVITY, ON)[0])
+    assert found is held
+    rise, climb = detector.unseen(0)
+    if held:  # of a drone that gives what it is asked for
+        assert climb == pytest.approx((share - 1.0) * GRAVITY * 19 * PERIOD)
+        assert rise == pytest.approx((share - 1.0) * GRAVITY * (19 * PERIOD) ** 2 / 2.0, rel=0.1)
