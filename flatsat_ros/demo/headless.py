@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -19,7 +19,10 @@ from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
+from flatsat_ros.planning.gathering import planned
+from flatsat_ros.plans.gathering import Move
 from flatsat_ros.plans.performance import PATIENCE, Performance, Phase
+from flatsat_ros.plans.prepared import PreparedPlan
 from flatsat_ros.sim.closed_loop import Observer
 from flatsat_ros.sim.closed_loop import fly as fly_simulated
 from flatsat_ros.sim.dynamics import Wind
@@ -51,6 +54,12 @@ def fly(scenario: Scenario, observe: Observer | None = None) -> FlightRecord:
     return record_of(scenario, robots, start)
 
 
+def _planned_at_once(move: Move) -> Callable[[], PreparedPlan]:
+    """Plan how drones gather, while simulated time stands still."""
+    found = planned(move)
+    return lambda: found
+
+
 class _Simulation(Stage):
     """Pilot and simulated fleet; a step is a tick.
 
@@ -78,7 +87,7 @@ class _Simulation(Stage):
         )
         self._performance = None
         if scenario.plan is not None:
-            self._performance = Performance(scenario.plan, self._pilot, scenario.robots)
+            self._performance = Performance(scenario.plan, self._pilot, scenario.robots, _planned_at_once)
         self._next = 0  # number of the next tick
         self.poses: list[list[list[float]]] = [[] for _ in range(count)]
         self.ticks: list[list[FloatArray]] = [[] for _ in range(count)]

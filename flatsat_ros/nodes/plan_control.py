@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import pickle
 import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import BinaryIO
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
@@ -20,7 +20,8 @@ from flatsat_ros.nodes.flight_report import FlightLog
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.parameters import declare
 from flatsat_ros.nodes.ros.runtime import ProgramNode
-from flatsat_ros.plans import prepared
+from flatsat_ros.plans import gathering, prepared
+from flatsat_ros.plans.gathering import Move
 from flatsat_ros.plans.performance import Performance
 from flatsat_ros.plans.prepared import PreparedPlan
 
@@ -79,7 +80,8 @@ class PlanControl:
         self._node, self._robots, self._pilot, self._clock, self._log = node, list(robots), pilot, clock, log
         self._certificate = certificate
         self._performance: Performance | None = None
-        self._process: tuple[subprocess.Popen[bytes], BinaryIO] | None = None
+        self._process: _Helper | None = None  # verifies a plan
+        self._planning: _Helper | None = None  # plans how drones gather
         if path is not None:
             self._take(PreparedPlan.load(path, pilot.certificate))
         node.add_on_set_parameters_callback(self._check)
@@ -101,16 +103,14 @@ class PlanControl:
         return "" if performance is None else f"plan {performance.plan.name!r}: {performance.phase.value}"
 
     def close(self) -> None:
-        """End the process that verifies, if there is one."""
-        if self._process is not None:
-            process, output = self._process
-            process.kill()
-            process.wait()
-            output.close()
-            self._process = None
+        """End the processes that verify and plan, if there are any."""
+        for helper in (self._process, self._planning):
+            if helper is not None:
+                helper.end()
+        self._process = self._planning = None
 
     def _take(self, plan: PreparedPlan) -> None:
-        self._performance = Performance(plan, self._pilot, self._robots)
+        self._performance = Performance(plan, self._pilot, self._robots, self._plan_way)
         drones = ", ".join(drone.name for drone in plan.plan.drones)
         self._node.get_logger().info(f"plan {plan.plan.name!r} is proved, for {drones}: {plan.plan.duration:.1f} s")
 
@@ -146,22 +146,24 @@ class PlanControl:
         Raises:
             OSError: there is no room for its answer, or no process to be had.
         """
-        output = tempfile.TemporaryFile()  # noqa: SIM115 it is closed once the process has ended
-        try:
-            self._process = subprocess.Popen(prepared.command(path, self._certificate), stdout=output), output
-        except OSError:
-            output.close()
-            raise
+        self._process = _Helper(prepared.command(path, self._certificate))
 
     def _look_at_process(self) -> None:
-        if self._process is None or self._process[0].poll() is None:
+        if self._process is None or self._process.runs:
             return
         with self._node.faults.contain(_PARAMETER):
-            output = self._process[1]
-            self._process = None
-            with output:
-                output.seek(0)
-                self._take(prepared.received(output))
+            helper, self._process = self._process, None
+            self._take(helper.answer())
+
+    def _plan_way(self, move: Move) -> Callable[[], PreparedPlan | None]:
+        """Let a process plan how drones gather."""
+        if self._planning is not None:
+            self._planning.end()
+        try:
+            helper = self._planning = _Helper(gathering.COMMAND, pickle.dumps(move))
+        except OSError as error:
+            raise FlatsatError(f"no process to plan it can be started: {error.strerror}") from error
+        return lambda: None if helper.runs else helper.answer()
 
     def _serve(self, name: str) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
         def serve(_: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
@@ -180,3 +182,49 @@ class PlanControl:
             return answer
 
         return serve
+
+
+class _Helper:
+    """A process that makes a plan ready, or makes one."""
+
+    def __init__(self, command: Sequence[str], question: bytes = b"") -> None:
+        """Start it.
+
+        Args:
+            command: its command line.
+            question: what it reads from its standard input.
+
+        Raises:
+            OSError: there is no room for its answer, or no process to be had.
+        """
+        self._output = tempfile.TemporaryFile()  # noqa: SIM115 it is closed once the process has ended
+        try:
+            with tempfile.TemporaryFile() as given:
+                given.write(question)
+                given.seek(0)
+                self._process = subprocess.Popen(command, stdin=given, stdout=self._output)
+        except OSError:
+            self._output.close()
+            raise
+
+    @property
+    def runs(self) -> bool:
+        """Whether it has no answer yet."""
+        return self._process.poll() is None
+
+    def answer(self) -> PreparedPlan:
+        """Return the plan, once it has ended.
+
+        Raises:
+            FlatsatError: it is refused, or the process has failed.
+        """
+        with self._output:
+            self._output.seek(0)
+            return prepared.received(self._output)
+
+    def end(self) -> None:
+        """End it, whatever it does."""
+        if self.runs:
+            self._process.kill()
+            self._process.wait()
+        self._output.close()

@@ -16,9 +16,9 @@ import numpy as np
 from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.flight.battery import Charge
 from flatsat_ros.flight.pilot import Pilot
-from flatsat_ros.flight.separation import IN_THE_AIR
 from flatsat_ros.flight.tick import Report
 from flatsat_ros.flight.trajectory import Trajectory
+from flatsat_ros.plans.gathering import Gathering, Planner, Step
 from flatsat_ros.plans.pacing import braked, resumed
 from flatsat_ros.plans.prepared import PreparedPlan
 
@@ -28,8 +28,6 @@ _PER_TICK = 1
 _LEAD = 0.3
 # s, for which all must have been at their places, and for which they may take to get there
 _SETTLED, PATIENCE = 0.5, 60.0
-# goals that were given up or refused are sent again after so long, s; those that differ by less, m, are the same
-_AGAIN, _SAME = 1.0, 1e-6
 # between two looks who is in its tube, s; outside it for so long, s, all stand still
 _LOOK_PERIOD, _OUTSIDE = 0.1, 0.5
 
@@ -54,13 +52,16 @@ class Performance:
         phase: what is done now.
     """
 
-    def __init__(self, prepared: PreparedPlan, pilot: Pilot, names: Sequence[str]) -> None:
+    def __init__(
+        self, prepared: PreparedPlan, pilot: Pilot, names: Sequence[str], planner: Planner | None = None
+    ) -> None:
         """Bind a verified plan to the drones of a pilot.
 
         Args:
             prepared: what shall be flown.
             pilot: flies the drones.
             names: of the pilot's drones.
+            planner: of the way to their places; without one the rules alone bring them there.
 
         Raises:
             FlatsatError: the plan is for drones that are not there, or for another input set.
@@ -85,8 +86,10 @@ class Performance:
         self._origin = 0.0  # s of the clock, when it was 0, in flight
         self._until = -math.inf  # s, when what is done now has ended
         self._settled = math.inf  # s, since when all are at their places
-        self._sent = self._looked = -math.inf  # s, when drones were sent to their places, and looked at, last
-        self._refused: dict[int, str] = {}  # who could not be sent, and why
+        self._planner = planner
+        self._gathering: Gathering | None = None
+        self._way: Performance | None = None  # to their places
+        self._looked = -math.inf  # s, when drones were looked at last
         self._outside = math.inf  # s, since when a drone is outside its tube
         self._lands = False  # once all stand still
         self._reports: list[Report] = []
@@ -178,56 +181,54 @@ class Performance:
                 faults.append(f"{self._names[index]}: {error}")
         if faults:
             raise FlatsatError("; ".join(faults))
-        self.phase, self._until, self._settled, self._sent = Phase.GATHERING, now + PATIENCE, math.inf, -math.inf
+        places = {index: self._references[index].sample(self._progress)[:3] for index in self._indices}
+        yaws = {index: self._references[index].yaw for index in self._indices}
+        gathering = self._gathering = Gathering(self.plan, places, yaws, self._pilot, self._planner)
+        self._way = None
+        self.phase, self._until, self._settled = Phase.GATHERING, now + PATIENCE, math.inf
         self._lands = False
-        away = [index for index in self._indices if not self._is_there(index)]
-        self._send(now, away)
+        away = gathering.missing()
+        gathering.look(now, away)
         if not away:
             return f"all {len(self._indices)} drones are at their places and set out"
         return "first " + ", ".join(self._names[index] for index in away) + " go to their places; then all set out"
 
-    def _send(self, now: float, away: Sequence[int]) -> None:
-        """Send drones to where the plan stands, now and then: where one is refused, others may make room."""
-        if now - self._sent < _AGAIN:
-            return
-        self._sent, self._refused = now, {}
-        for index in away:
-            place, goal = self._place(index), self._pilot.destination(index)
-            flies = self._pilot.follows(index) is not None
-            if self._pilot.traffic.is_waiting(index):
-                continue
-            if flies and goal is not None and float(np.abs(goal - place).max()) < _SAME:
-                continue
-            try:
-                self._pilot.set_goal(index, place, self._references[index].yaw)
-            except FlatsatError as error:
-                self._refused[index] = str(error)
-
-    def _place(self, index: int) -> np.ndarray:
-        """Return where drone index stands by the plan now, (3,) m."""
-        return self._references[index].sample(self._progress)[:3]
-
-    def _is_there(self, index: int) -> bool:
-        """Tell whether drone index rests inside its tube about where it stands by the plan."""
-        place = self._place(index)
-        follows = self._pilot.follows(index)
-        if follows is None or not self._pilot.is_at_rest(index) or float(np.abs(follows.end - place).max()) > 1e-3:
-            return False
-        return float(np.linalg.norm((self._pilot.places[index] - place) * IN_THE_AIR)) <= self._tubes[index]
-
     def _look_who_is_there(self, now: float) -> None:
         """Let all set out once all have been at their places for a moment; give up after a minute."""
-        missing = [index for index in self._indices if not self._is_there(index)]
+        assert self._gathering is not None
+        if self._gathering.step is Step.FLY:
+            self._look_at_way(now, self._gathering)
+            return
+        if self._gathering.told:
+            self._tell(f"no way for all to their places is planned: {self._gathering.told}; each goes there alone")
+            self._gathering.told = ""
+        missing = self._gathering.missing()
         self._settled = min(self._settled, now) if not missing else math.inf
         if now - self._settled >= _SETTLED:
             self._set_out(now)
         elif now >= self._until:
-            reasons = (f"{self._names[i]} ({self._refused.get(i, 'not within its tube')})" for i in missing)
+            reasons = (f"{self._names[i]} ({self._gathering.refused.get(i, 'not within its tube')})" for i in missing)
             names = ", ".join(reasons)
             self._tell(f"the plan does not begin: after {PATIENCE:g} s not at their places: {names}; all hold")
             self.phase = Phase.ABORTED if self._progress == 0.0 else Phase.PAUSED
         else:
-            self._send(now, missing)
+            self._gathering.look(now, missing)
+
+    def _look_at_way(self, now: float, gathering: Gathering) -> None:
+        """Let all go to their places as has been planned."""
+        try:
+            if self._way is None:
+                assert gathering.found is not None
+                self._way = Performance(gathering.found, self._pilot, self._names)
+                self._way.start(now)
+                self._tell(f"all go to their places by a plan of {gathering.found.plan.duration:.1f} s")
+        except FlatsatError as error:
+            gathering.give_up(str(error))
+            return
+        self._reports += [report for report in self._way.look(now) if self._way.phase is not Phase.FLOWN]
+        if not self._way.is_busy or self._way.phase is Phase.PAUSED:
+            gathering.give_up("" if self._way.phase is Phase.FLOWN else "they did not fly it to its end")
+            self._until = now + PATIENCE
 
     def _set_out(self, now: float) -> None:
         """Let all go on from where they stand, at one time."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
+import subprocess
+import tempfile
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -15,10 +18,12 @@ from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.separation import IN_THE_AIR
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.law.gain import Tuning
+from flatsat_ros.planning.gathering import planned
 from flatsat_ros.plans import Bounds, Curve, Plan, PlannedDrone, Tube
+from flatsat_ros.plans.gathering import COMMAND, Move, Planner
 from flatsat_ros.plans.laps import Laps
 from flatsat_ros.plans.performance import Performance, Phase
-from flatsat_ros.plans.prepared import PreparedPlan
+from flatsat_ros.plans.prepared import PreparedPlan, received
 from flatsat_ros.sim.closed_loop import fly
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.sensor import Sample
@@ -51,12 +56,17 @@ def swap(tube: float = 0.08, names: Sequence[str] = NAMES[:2]) -> PreparedPlan:
 class Lab:
     """Three simulated drones, of which two have a plan."""
 
-    def __init__(self, plan: PreparedPlan | None = None) -> None:
+    def __init__(
+        self,
+        plan: PreparedPlan | None = None,
+        planner: Planner | None = None,
+        stand: Sequence[Sequence[float]] = ((0.1, 0.0), (1.6, 0.1)),
+    ) -> None:
         policy = Policy(disturbance_max=0.8, drag=VEHICLE.dynamics.drag_z)
         self.pilot = Pilot(CERTIFICATE, Tuning(2.0, 0.05, 1.0, CERTIFICATE.gain_max), policy, 3, NAMES)
-        self.fleet = SimulatedFleet(VEHICLE, 3, start=[[0.1, 0.0, 0.0], [1.6, 0.1, 0.0], [0.8, 2.0, 0.0]])
+        self.fleet = SimulatedFleet(VEHICLE, 3, start=[[*place, 0.0] for place in (*stand, (0.8, 2.0))])
         self.plan = swap() if plan is None else plan
-        self.performance = Performance(self.plan, self.pilot, NAMES)
+        self.performance = Performance(self.plan, self.pilot, NAMES, planner)
         self.now, self.told, self.least = 0.0, [], np.inf
         self.fly(1.0)
 
@@ -235,3 +245,46 @@ def test_plans_for_other_drones_or_limits_are_refused() -> None:
     pilot = Pilot(paper, Tuning(2.0, 0.05, 1.0, paper.gain_max), Policy(), 3, NAMES)
     with pytest.raises(FlatsatError, match="thrust_max of certificate 'paper_robust'"):
         Performance(swap(), pilot, NAMES)
+
+
+def by_a_process(move: Move) -> Callable[[], PreparedPlan]:
+    """Plan as the controller does, but wait for it: simulated time stands still."""
+    with tempfile.TemporaryFile() as output:
+        subprocess.run(COMMAND, input=pickle.dumps(move), stdout=output, check=True)
+        output.seek(0)
+        found = received(output)
+    return lambda: found
+
+
+def test_drones_that_have_to_change_places_first_do_so_by_a_plan() -> None:
+    lab = Lab(planner=by_a_process, stand=((1.5, 0.1), (0.1, -0.1)))
+    lab.performance.start(lab.now)
+    lab.fly(20.0, lambda: any("by a plan" in text for text in lab.told))
+    assert lab.fleet.bodies.position[:2, 2] == pytest.approx(0.5, abs=0.02)  # where they have climbed to
+    lab.least = np.inf
+    lab.fly_until(Phase.FLYING)
+    assert lab.off(STARTS) < 0.03
+    assert lab.least > 2 * 0.12
+
+
+def test_without_a_plan_each_goes_to_its_place_alone() -> None:
+    def refuse(_: Move) -> Callable[[], PreparedPlan]:
+        raise FlatsatError("there is none")
+
+    lab = Lab(planner=refuse)
+    lab.performance.start(lab.now)
+    lab.fly_until(Phase.FLYING)
+    assert "no way for all to their places is planned: there is none; each goes there alone" in lab.told
+
+
+def test_who_stands_too_near_to_another_for_a_plan_is_not_planned_for() -> None:
+    plan = swap().plan
+    goals = dict(zip(NAMES, map(np.array, STARTS), strict=False))
+    found = planned(Move(plan, {"cf1": np.array([0.0, 0.0, 0.5]), "cf2": np.array([0.36, 0.0, 0.5])}, goals))
+    assert [drone.body for drone in found.plan.drones] == pytest.approx([0.098, 0.098])  # 0.36 m less two tubes
+    for drone in found.plan.drones:
+        assert found.references[drone.name].end == pytest.approx(goals[drone.name])
+    with pytest.raises(
+        FlatsatError, match=r"distance of two drones = 0\.3 m: must be at least 0\.32 m, to plan how they"
+    ):
+        planned(Move(plan, {"cf1": np.array([0.0, 0.0, 0.5]), "cf2": np.array([0.3, 0.0, 0.5])}, goals))
