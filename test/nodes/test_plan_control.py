@@ -71,7 +71,12 @@ def test_a_plan_is_verified_beside_the_flight_flown_paused_and_held(room: Room, 
     await_process(room)
     answer = room.ask("plan/start")
     assert answer.success, answer.message
-    room.run(9.0)
+    end = time.monotonic() + 60.0
+    while room.node._plans.state == "plan 'test': gathering":  # as a process of its own plans
+        assert time.monotonic() < end
+        room.run(0.5)
+        time.sleep(0.05)
+    assert room.node._plans._planning is not None
     assert room.node._plans.state == "plan 'test': flying"
     assert "abort it first" in set_plan(room, "")
     assert room.ask("plan/pause").success
