@@ -33,7 +33,9 @@ class Page:
 
     def text(self, selector: str) -> str:
         """Return the text of an element."""
-        return self.find(selector).text
+        # in one step: between two of them the page may have built it anew
+        script = "return document.querySelector(arguments[0]).innerText.trim()"
+        return str(self.driver.execute_script(script, selector))
 
     def run(self, script: str) -> Any:
         """Return what a script returns."""

@@ -97,7 +97,7 @@ class Plots {
         legend: { show: false },
         cursor: { drag: { x: true, y: false }, points: { size: 5 }, sync: { key: "flight" } },
         scales: { x: { time: false }, y: { range: (_, low, high) => Plots.range(low, high, limits) } },
-        axes: [{ ...axis, size: 22, values: (_, ticks) => ticks.map((t) => `${t} s`) }, { ...axis, size: (_, ticks) => 10 + 6.5 * Math.max(5, ...(ticks || []).map((tick) => tick.length)), values: (_, ticks) => ticks.map((tick) => written(tick, 4)) }],
+        axes: [{ ...axis, size: 22, values: (_, ticks) => ticks.map((t) => `${t} s`) }, { ...axis, size: 54, values: (_, ticks) => ticks.map(Plots.tick) }],
         series: [
           {},
           ...drones.map((drone, k) => ({ label: drone.name, stroke: colourOf(k), width: 1.4, dash: dashOf(k), spanGaps: false, points: { show: false } })),
@@ -116,6 +116,11 @@ class Plots {
     });
     plot.over.addEventListener("dblclick", () => this.show([0, this.flight.end]));
     return plot;
+  }
+
+  /** A number beside an axis, as short as it can be: all axes have the same room, so that times stand below each other. */
+  static tick(value) {
+    return Math.abs(value) < 1e5 ? written(value, 4) : Number(value.toPrecision(4)).toExponential();
   }
 
   static range(low, high, limits) {
