@@ -91,6 +91,7 @@ def attack(plan: Plan, certificate: Certificate, seed: int) -> Attack:
         capture=_capture(random, flight.assumptions, certificate.period),
         thrust_scale=random.uniform(*gains, len(paths)),
         command_delay=_LINK_DELAY,
+        floor=-_FAR,  # the origin of a plan need not be on the floor, and drones begin in the air
     )
     # copies are far apart, and the drones of one are kept apart by the plan, not by the rules of separation
     policy = Policy(

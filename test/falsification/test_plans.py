@@ -19,12 +19,12 @@ from flatsat_ros.plans.tubes import promise
 FLYING = Certificate.from_document(read_yaml(config_path("cf21_flight_50hz")))  # not proved again here
 
 
-def plan_of(tube: Tube) -> Plan:
+def plan_of(tube: Tube, height: float = 1.0) -> Plan:
     """Two drones that move side by side by 0.2 m in 4 s."""
-    bounds, _ = promise(FLYING, [-1.0, -1.0, 0.0], [3.0, 1.0, 3.0], downwash=2.0)
+    bounds, _ = promise(FLYING, [-1.0, -1.0, height - 1.0], [3.0, 1.0, 3.0], downwash=2.0)
     share = np.clip((np.arange(13) - 3) / 6, 0.0, 1.0)[:, np.newaxis]
     moved = share * share * (3 - 2 * share) * np.array([0.0, 0.1, 0.0])
-    curves = [Curve.rounded([500_000 * i for i in range(9)], np.array([x, 0.0, 1.0]) + moved) for x in (0.0, 0.5)]
+    curves = [Curve.rounded([500_000 * i for i in range(9)], np.array([x, 0.0, height]) + moved) for x in (0.0, 0.5)]
     drones = [PlannedDrone(f"cf{i}", curve, 0.15, tube) for i, curve in enumerate(curves, 1)]
     plan = Plan.of(drones, name="side", certificate=FLYING.name, limits=FLYING.limits, bounds=bounds)
     plan.verify()
@@ -48,6 +48,11 @@ def test_no_attack_succeeds_and_smaller_tubes_are_left(tube: Tube, monkeypatch: 
     assert given.outside == pytest.approx(2.0)
     assert given.breaches > 0
     assert "8 flights of 1 plans in 2 s: " in report([("a", found), ("a", given)], 2.0)
+
+
+def test_plans_below_the_origin_are_attacked_in_the_air_as_well(tube: Tube, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plans, "_DRONES", 2)
+    assert attack(plan_of(tube, -0.3), FLYING, 1).breaches == 0
 
 
 def test_what_is_not_claimed_is_not_attacked(tube: Tube) -> None:
