@@ -106,8 +106,9 @@ def _flight(row: np.ndarray, flight: Flight, found: Residuals, identified: Ident
         row[axis].plot(time, np.rad2deg(tilt[:, axis]), "C1", lw=1.0, label="simulated")
         row[axis].set(title=f"{samples.name}: {word}", xlabel="time, s", ylabel=f"{word}, °")
     row[0].legend(fontsize="small")
-    row[2].plot(flight.position_at * STEP, found.position / (REACH * STEP) ** 2, ".", ms=2)
-    row[2].set(title="acceleration not explained: x, y, z", xlabel="time, s", ylabel="m/s²")
+    row[2].plot(flight.position_at * STEP, found.position / (REACH * STEP) ** 2, ".", ms=2, label=list("xyz"))
+    row[2].set(title="acceleration not explained", xlabel="time, s", ylabel="m/s²")
+    row[2].legend(fontsize="small", markerscale=4.0, ncols=3)
 
 
 def _histogram(axes: Axes, identified: Identified, name: str) -> None:
@@ -118,7 +119,8 @@ def _histogram(axes: Axes, identified: Identified, name: str) -> None:
     axes.hist(np.clip(values, -6.0, 6.0), grid[::2].tolist(), density=True, color="C0", alpha=0.6)
     axes.plot(grid, np.exp(-0.5 * grid**2) / np.sqrt(2.0 * np.pi), "C1")
     shown = f"{np.rad2deg(scale):.3g}°" if name == "attitude" else f"{1e3 * scale:.3g} mm"
-    axes.set(title=f"{name} residuals in units of {shown}", yscale="log", ylim=(1e-4, 2.0))
+    axes.set(title=f"{name} residuals and a normal distribution", xlabel=f"in units of {shown}", ylabel="density")
+    axes.set(yscale="log", ylim=(1e-4, 2.0))
 
 
 def _intervals(axes: Axes, identified: Identified) -> None:
