@@ -382,7 +382,7 @@ class Senses:
                 self.thrust.forget(index)  # it was not too weak for a take-off after all
                 self.thrust.take_over(index)
             elif self._stands[index]:
-                rise, climb = self._unmoved.climb(index)
+                (rise, climb), lift = self._unmoved.climb(index), 0.0  # what was learnt last is not its lift
                 height += rise
             elif self._misled[index]:  # that may be its height, and its speed the climb rate
                 height = self._lift_off.risen(index, estimated[:3])
