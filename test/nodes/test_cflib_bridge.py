@@ -21,6 +21,7 @@ from std_srvs.srv import Empty, SetBool
 from flatsat_ros.crazyflie.link import ZERO_TIME
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
+from flatsat_ros.demo.record import RMS_LIMIT
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.interfaces import Topic
@@ -156,8 +157,8 @@ def test_three_drones_take_off_swap_places_and_land_over_the_whole_chain(simulat
     duration, rest = 4.0, np.zeros((2, 3))
     start = lab.node.get_clock().now().nanoseconds + messages.NANOSECONDS // 2
     goals = np.roll(places, -1, axis=0)
-    for robot, place, goal in zip(names, places, goals, strict=True):
-        path = Trajectory.through([0.0, duration], [place, goal], rest, rest)
+    paths = [Trajectory.through([0.0, duration], legs, rest, rest) for legs in zip(places, goals, strict=True)]
+    for robot, path in zip(names, paths, strict=True):
         lab.publish(interfaces.TRAJECTORY, robot, messages.message_from_trajectory(path, start))
     for robot, seen, goal in zip(names, poses, goals, strict=True):
         lab.wait_for_flight(robot, seen, goal)
@@ -171,6 +172,11 @@ def test_three_drones_take_off_swap_places_and_land_over_the_whole_chain(simulat
     ]
     for one, other in combinations(tracks, 2):
         assert min(np.linalg.norm(one[k] - other[k]) for k in one.keys() & other.keys()) > 0.4
+    for track, path in zip(tracks, paths, strict=True):
+        flown_at = {k * 0.01 - start * 1e-9: place for k, place in track.items()}
+        errors = [place - path.sample(t)[:3] for t, place in flown_at.items() if 0.0 <= t <= duration]
+        assert len(errors) > 100
+        assert np.sqrt(np.mean(np.sum(np.square(errors), axis=1))) < RMS_LIMIT
 
 
 def place_of(pose: PoseStamped) -> np.ndarray:

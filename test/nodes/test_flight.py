@@ -1,17 +1,14 @@
-"""Flights: the controller and the simulated drones as processes of their own, over real DDS."""
+"""A flight: the controller and the simulated drones as processes of their own, over real DDS."""
 
 from __future__ import annotations
 
-from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
-from flatsat_ros.demo.record import RMS_LIMIT
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
-from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.sim.firmware import SHUTDOWN_AGE
 from flatsat_ros.sim.state_machine import State
@@ -77,41 +74,3 @@ def test_test_1_of_the_paper_is_flown_from_the_floor_to_the_floor(lab: Lab, colu
         assert not STOPPED & {report["state"] for report in reports}
         assert (reports[-1]["on the floor"], reports[-1]["thrust locked"]) == ("True", "False")
         lab.require_within_limits(commands[robot])
-
-
-def test_three_drones_swap_places(lab: Lab) -> None:
-    robots = ["cf1", "cf2", "cf3"]
-    places = np.array([[0.0, -0.6, 1.0], [0.6, 0.6, 1.0], [-0.6, 0.6, 1.0]])
-    poses = [lab.watch(interfaces.POSE, robot) for robot in robots]
-    commands = [lab.watch(interfaces.COMMAND, robot) for robot in robots]
-    ground = places * (1.0, 1.0, 0.0)
-    lab.start("sim_drone", robot_names=robots, start_positions=ground.ravel().tolist(), position_noise=0.001)
-    lab.fly(*robots)
-    for robot, place in zip(robots, places, strict=True):
-        lab.go_to(robot, place)
-    for robot, seen, place in zip(robots, poses, places, strict=True):
-        lab.wait_for_flight(robot, seen, place)
-
-    duration, rest = 4.0, np.zeros((2, 3))
-    start = lab.node.get_clock().now().nanoseconds + messages.NANOSECONDS // 2
-    goals = np.roll(places, -1, axis=0)
-    paths = [Trajectory.through([0.0, duration], legs, rest, rest) for legs in zip(places, goals, strict=True)]
-    for robot, path in zip(robots, paths, strict=True):
-        lab.publish(interfaces.TRAJECTORY, robot, messages.message_from_trajectory(path, start))
-    swapped = start * 1e-9 + duration
-    lab.wait(lambda: all(stamped(seen[-1:])[0][0] > swapped for seen in poses), "the end of the swap")
-    for robot, seen, goal in zip(robots, poses, goals, strict=True):
-        lab.wait_for_flight(robot, seen, goal)
-    for seen in commands:
-        lab.require_within_limits(seen)
-
-    tracks = []
-    for seen, path in zip(poses, paths, strict=True):
-        stamps, positions = stamped(seen)
-        during = (stamps >= start * 1e-9) & (stamps <= swapped)
-        reference = np.array([path.sample(t - start * 1e-9)[:3] for t in stamps[during]])
-        assert np.sqrt(np.mean(np.sum((positions[during] - reference) ** 2, axis=1))) < RMS_LIMIT
-        tracks.append(positions[during])
-    count = min(map(len, tracks))
-    for one, other in combinations(tracks, 2):
-        assert np.linalg.norm(one[:count] - other[:count], axis=1).min() > 0.4
