@@ -140,7 +140,7 @@ def test_a_flight_without_a_fault_passes_and_comes_out_the_same_in_another_proce
     assert fly_row("nothing", Phase.TAKE_OFF, seed=2).separation_m != here.separation_m
 
 
-@pytest.mark.parametrize(("name", "phase"), [("poses_lost_1s", Phase.LANDING), ("hand_over", Phase.SWAP)])
+@pytest.mark.parametrize(("name", "phase"), [("poses_lost_1s", Phase.LANDING), ("hand_over", Phase.HOVER)])
 def test_a_row_that_begins_in_the_middle_of_a_flight_comes_to_what_its_replay_does(name: str, phase: Phase) -> None:
     assert fly_row(name, phase) == replay(name, phase)[0]
 
