@@ -108,7 +108,7 @@ def draw_gain_laws(runs: GainRuns) -> Figure:
             axes.axvline(_CLIMB + leg * LEG_TIME, color="0.7", linewidth=0.8)
     gain.axhline(runs.cap, **LIMIT)
     gain.set(ylabel=r"$\gamma$", title=f"four set-points, {DISTANCE:g} m apart (dashed: cap of this loop)")
-    gain.legend()
+    gain.legend(loc="upper left", ncols=2, fontsize="small")
     tilt.set(ylabel="tilt, °", xlabel="time, s")
     for column, name in ((0, LAWS[0]), (1, LAWS[2])):
         disturbed.plot(runs.disturbed_time, runs.disturbed_gain[:, column], color=f"C{2 * column}", label=name)

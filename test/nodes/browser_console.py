@@ -128,6 +128,9 @@ def test_tuning_and_goals_are_taken_or_refused_with_the_reason(lab: Lab) -> None
             page.wait(lambda n=name, v=value: console.setup(n) == v, f"{name} to be in force")
         before = console.value(0, "gamma")
         page.wait(lambda: console.value(0, "gamma") > before, "gamma to grow")
+        asked = page.run("return console_.sent")
+        page.find("#tune-mu").clear()
+        assert page.run("return console_.sent") == asked  # nothing was typed, nothing is set
         console.choose_tuning("cf2")
         for name, (low, high) in {
             "mu": (0.01, 100),

@@ -77,10 +77,8 @@ class ConsolePage:
         )
 
     def tune(self, name: str, value: str) -> None:
-        """Type a value."""
-        field = self.page.find(f"#tune-{name}")
-        field.clear()
-        field.send_keys(value, Keys.TAB)
+        """Type a value in the place of the one that is there."""
+        self.page.find(f"#tune-{name}").send_keys(Keys.CONTROL, "a", Keys.NULL, value, Keys.TAB)
 
     def drag(self, name: str, share: float) -> None:
         """Drag a slider to a share of its width; again if the page moved away below the mouse."""

@@ -232,7 +232,8 @@ class ConsolePage {
       const range = element("input", { type: "range", min: Math.log(low), max: Math.log(high), step: "any", "aria-label": `${title}, slider` });
       const number = element("input", { type: "number", step: "any", id: `tune-${name}`, "aria-label": title });
       range.addEventListener("input", () => (number.value = Number(Math.exp(Number(range.value)).toPrecision(3))));
-      const send = () => this.send({ do: "set", who: this.parts.whose.value, name, value: Number(number.value) });
+      // an emptied field asks for nothing, and soon shows again what is in force
+      const send = () => number.value === "" || this.send({ do: "set", who: this.parts.whose.value, name, value: Number(number.value) });
       range.addEventListener("change", send);
       number.addEventListener("change", send);
       this.parts.sliders.append(element("label", {}, title, range, number));

@@ -33,6 +33,7 @@ class LiveChannel extends Channel {
 class LiveFlight extends Flight {
   constructor(setup, names) {
     super({ title: "live", setup, events: [], notes: [], duration: 0 }, []);
+    this.isLive = true;
     this.drones = names.map((name) => {
       const drone = new Drone(name, { pose: new LiveChannel(CHANNELS.pose), tick: new LiveChannel(CHANNELS.telemetry), battery: new LiveChannel(CHANNELS.battery) });
       drone.ages = {};
