@@ -50,6 +50,7 @@ def test_the_buttons_of_one_drone_and_of_all_do_what_they_say(lab: Lab) -> None:
         assert console.is_refused()
         console.press(1, "arm")
         console.await_words("arm cf1:")
+        page.wait(lambda: "ready to fly" in page.text(".card:nth-child(1)"), "the thrust lock to open")
         console.await_modes("IDLE", "IDLE")
 
         console.press("all", "disarm")
