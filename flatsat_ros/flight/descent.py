@@ -19,7 +19,7 @@ _CHANGE = 1.0  # m/s^2, to come to that speed
 # the descent lasts this much longer than its height needs at that speed, relatively and in s
 _LONGER, _LATER = 1.3, 1.0
 _SEEN = 3.0  # and so many times as long while poses, if there are any, show it in the air
-_DECEIVED = 2.0  # or if poses that stand still came before: its thrust and its climb are known less well
+_DECEIVED = 1.5  # or if poses that stand still came before: its thrust and its climb are known less well
 
 
 class BlindDescent:
