@@ -84,6 +84,7 @@ class _Simulation(Stage):
             wind=Wind(mean=(scenario.wind, 0.0, 0.0)),
             capture=MotionCapture(noise=POSE_NOISE),
             command_delay=0.0 if scenario.paper else LINK_DELAY,
+            floor=scenario.floor,
         )
         self._performance = None
         if scenario.plan is not None:

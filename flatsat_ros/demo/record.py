@@ -24,7 +24,7 @@ RMS_LIMIT = 0.10  # m, what the demo promises
 _LIFTED = 0.03  # m, above where it stood: a drone in the air
 _SETTLED = 2.0  # s after lift-off, from which on the guarantee is asked for
 _MEASURED = 0.01  # s, between two times at which distances are looked at
-_FLOOR = 0.05  # m, around z = 0, where a drone that landed stands
+_FLOOR = 0.05  # m, around the height of the floor, where a drone that landed stands
 SUMMARY = "summary.json"
 PLAN = "plan.yaml"  # that was made for the flight
 REPORT = "report.html"
@@ -70,6 +70,7 @@ class FlightRecord:
         dynamics: of the simulated drones.
         swap: begin and end of the swap, s.
         plan: that was flown; None without one.
+        floor: its height, m.
     """
 
     robots: Mapping[str, RobotRecord]
@@ -81,6 +82,7 @@ class FlightRecord:
     dynamics: str
     swap: tuple[float, float]
     plan: Plan | None = None
+    floor: float = 0.0
 
     def summary(self) -> dict[str, Any]:
         """Return the figures of summary.json, computed from what was recorded."""
@@ -108,6 +110,7 @@ class FlightRecord:
         error = flown[:, 1:] - np.array([robot.reference.sample(t)[:3] for t in flown[:, 0]])
         flying = robot.ticks[robot.ticks[:, _MODE] == Mode.FLY]
         thrust, roll, pitch = (flying[:, 1 + FIELDS.index(name)] for name in ("T", "phi", "theta"))
+        higher = abs(robot.poses[-1, 3] - self.floor)
         return {
             "rms_m": float(np.sqrt((error**2).sum(axis=1).mean())),
             "gamma_final": float(robot.column("gamma")[robot.ticks[:, 0] <= end][-1]),
@@ -115,7 +118,7 @@ class FlightRecord:
             "thrust_min": float(thrust.min()),
             "thrust_max": float(thrust.max()),
             **_tube_summary(robot),
-            "landed": bool(robot.ticks[-1, _MODE] in (Mode.REST, Mode.IDLE) and abs(robot.poses[-1, 3]) <= _FLOOR),
+            "landed": bool(robot.ticks[-1, _MODE] in (Mode.REST, Mode.IDLE) and higher <= _FLOOR),
         }
 
     def _violations(self, robot: RobotRecord) -> int:

@@ -34,6 +34,7 @@ DISTURBANCE_MAX = 0.8  # m/s^2, that the controller compensates by default
 THRUST_ERROR_MAX = 0.25  # that it corrects by default
 LEAD = 0.5  # s from sending the trajectories to their start
 _FLOOR_DISTANCE = 0.5  # m, between drones that take off
+_LOWEST, _BELOW = 0.3, 0.5  # m above the floor, that references are at least; that the floor is put below others
 LINK_DELAY = 0.028  # s, from a command to the simulated drone in the default flight
 
 
@@ -54,6 +55,7 @@ class Scenario:
         plan: whose references the swaps are; None without one.
         plan_path: its file.
         wind: steady, along x, m/s.
+        floor: its height, m: a plan's origin need not be on it.
     """
 
     robots: list[str]
@@ -68,11 +70,12 @@ class Scenario:
     plan: PreparedPlan | None = None
     plan_path: Path | None = None
     wind: float = 0.0
+    floor: float = 0.0
 
     @property
     def height(self) -> float:
         """How high the drones take off, m: to their first way-points, so that the gain grows as in one climb."""
-        return float(self.gathering[0, 2])
+        return float(self.gathering[0, 2]) - self.floor
 
     @property
     def duration(self) -> float:
@@ -144,6 +147,9 @@ def plan(
 def planned(path: Path, wind: float = 0.0) -> Scenario:
     """Return the flight of a plan file, from the floor below its first points, by the demo's certificate.
 
+    The floor is at 0, or half a metre below the lowest point of the references where that is not above it by so much as
+    drones need to take off: way-points often begin where a drone stood, in a room whose origin is elsewhere.
+
     Args:
         path: of the plan.
         wind: steady, along x, m/s.
@@ -162,14 +168,18 @@ def planned(path: Path, wind: float = 0.0) -> Scenario:
     robots = list(prepared.references)
     swaps = [prepared.references[robot] for robot in robots]
     gathering = np.array([swap.sample(0.0)[:3] for swap in swaps])
-    policy = Policy(disturbance_max=DISTURBANCE_MAX, thrust_error_max=THRUST_ERROR_MAX, drag=dynamics.drag_z)
+    lowest = min(float(swap.bounds()[0][2]) for swap in swaps)
+    floor = 0.0 if lowest >= _LOWEST else math.floor(10.0 * (lowest - _BELOW)) / 10.0
+    policy = Policy(
+        disturbance_max=DISTURBANCE_MAX, thrust_error_max=THRUST_ERROR_MAX, drag=dynamics.drag_z, floor=floor
+    )  # fmt: skip
     _require_inside(policy.box, robots, swaps)
-    start = gathering * (1.0, 1.0, 0.0)
+    start = gathering * (1.0, 1.0, 0.0) + (0.0, 0.0, floor)
     _require_room_on_the_floor("first", robots, gathering)
     _require_room_on_the_floor("last", robots, np.array([swap.end for swap in swaps]))
     return Scenario(
         robots, start, gathering, swaps, certificate, certificate_path, "identified", policy, False, prepared, path,
-        wind,
+        wind, floor,
     )  # fmt: skip
 
 
@@ -270,4 +280,5 @@ def record_of(scenario: Scenario, robots: dict[str, RobotRecord], swap_start: fl
         scenario.dynamics,
         (swap_start, swap_start + scenario.duration),
         None if scenario.plan is None else scenario.plan.plan,
+        scenario.floor,
     )

@@ -134,6 +134,7 @@ class SimDrone(ProgramNode):
             ),
             "yaw": declare(self, "start_yaw", 0.0, "initial yaw of every drone", unit="rad", bounds=(-np.pi, np.pi)),
             "yaw_mode": declare_yaw_mode(self),
+            "floor": declare(self, "floor", 0.0, "height of the floor", unit="m", bounds=(-1e3, 1e3)),
             "seed": declare(self, "seed", 0, "seed of noise, drop-out and gusts", bounds=(0, 2**31 - 1)),
             "thrust_scale": declare(
                 self, "thrust_scale", 1.0, "force over what the vehicle profile promises", bounds=(0.1, 10.0)

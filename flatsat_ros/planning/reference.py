@@ -13,8 +13,9 @@ from flatsat_ros.planning.shapes import Shapes
 from flatsat_ros.plans.bounds import Bounds
 from flatsat_ros.plans.curve import AT_REST, ORDER
 
-# programs one after the other until the duration differs by less than so much, relatively; how much it follows at first
-_PACES, _SAME, _SLOPE = 12, 1e-4, 0.3
+# programs one after the other until the duration differs by less than so much, relatively, from that which drag is
+# counted with; where legs are tried, from so much on its estimate will do; how much it follows that, about
+_PACES, _SAME, _ROUGHLY, _SLOPE = 12, 1e-4, 1e-2, 0.1
 
 _SPANS, _LEG = 24, 3  # of a reference; of each leg at least
 
@@ -24,7 +25,7 @@ _SMALLEST = 1e-3  # of the radius in which the limits are trusted to be linear i
 
 
 def shortest(
-    shapes: Shapes, drone: Asked, limits: InputSet, bounds: Bounds, near: float | None = None
+    shapes: Shapes, drone: Asked, limits: InputSet, bounds: Bounds, near: float | None = None, same: float = _SAME
 ) -> tuple[FloatArray, float] | None:
     """Return control points (n, 3) and the least duration, s, with the knots in the proportions of the shapes.
 
@@ -38,20 +39,25 @@ def shortest(
         limits: the input set.
         bounds: of the reference.
         near: a duration, s, of the right size.
+        same: how near, relatively, that which drag and lead are counted with must be to the duration, of which an
+            estimate is returned then.
     """
-    scale, solved = _guess(drone.waypoints, bounds) if near is None else near, None
+    scale = _guess(drone.waypoints, bounds) if near is None else near
     known: list[tuple[float, float]] = []  # durations that were counted with, and what came out, s
     for _ in range(_PACES):
         solved = _shortest_at(shapes, drone, limits, bounds, scale)
-        if solved is None or len(bounds.asked) == 1 or abs(solved[1] - scale) < _SAME * scale:
-            break
-        known.append((scale, solved[1]))
+        if solved is None or len(bounds.asked) == 1:
+            return solved
+        points, duration = solved
+        known.append((scale, duration))
         slope = _SLOPE
         if len(known) > 1 and known[-1][0] != known[-2][0]:
             (a, out_a), (b, out_b) = known[-2:]
             slope = float(np.clip((out_b - out_a) / (b - a), 0.0, 0.9))
-        scale += (solved[1] - scale) / (1.0 - slope)
-    return solved
+        last, scale = scale, scale + (duration - scale) / (1.0 - slope)
+        if abs(duration - last) < same * duration:
+            break
+    return points, scale
 
 
 def _shortest_at(
@@ -109,7 +115,11 @@ def shortest_legs(
         hoped = 0.0 if step is None else best - float(step.sum())
         if step is not None and hoped < _ENOUGH * best:
             break
-        tried = None if step is None else shortest(shapes_of(step, closed=closed), drone, limits, bounds, step.sum())
+        tried = (
+            None
+            if step is None
+            else shortest(shapes_of(step, closed=closed), drone, limits, bounds, float(step.sum()), _ROUGHLY)
+        )
         if step is None or tried is None or tried[1] >= best:
             radius /= 3.0
             if radius < _SMALLEST:
@@ -118,7 +128,10 @@ def shortest_legs(
             gain, best = best - tried[1], tried[1]
             points, legs = tried[0], step * (best / step.sum())
             radius = min(0.5, radius * (2.0 if gain > 0.7 * hoped else 0.5 if gain < 0.3 * hoped else 1.0))
-    return legs, best
+    if len(bounds.asked) == 1:
+        return legs, best
+    exact = shortest(shapes_of(legs, closed=closed), drone, limits, bounds, best)
+    return None if exact is None else (legs * (exact[1] / best), exact[1])
 
 
 def shapes_of(legs: FloatArray, least: int = _LEG, *, closed: bool = False) -> Shapes:

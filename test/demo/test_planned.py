@@ -34,7 +34,7 @@ def loaded(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def save(path: Path, *places: tuple[float, float, float]) -> Path:
     """A plan in which drones move by 0.3 m along y in 6 s."""
-    bounds, tube = promise(CERTIFICATE, [-1.0, -1.0, 0.0], [30.0, 1.0, 3.0], downwash=2.0)
+    bounds, tube = promise(CERTIFICATE, [-1.0, -1.0, -0.5], [30.0, 1.0, 3.0], downwash=2.0)
     share = np.clip((np.arange(13) - 3) / 6, 0.0, 1.0)[:, np.newaxis]
     moved = share * share * (3 - 2 * share) * np.array([0.0, 0.3, 0.0])
     curves = [Curve.rounded([750_000 * i for i in range(9)], np.array(place) + moved) for place in places]
@@ -98,6 +98,16 @@ def test_drones_of_an_exchange_stand_apart_and_go_to_the_other_side(count: int) 
     assert np.allclose(goals[:, :2], -starts[:, :2])
     apart = np.linalg.norm(starts[:, np.newaxis] - starts, axis=2) + 10.0 * np.eye(count)
     assert apart.min() > 0.74
+
+
+def test_a_plan_that_begins_on_the_floor_is_flown_above_a_lower_one(tmp_path: Path) -> None:
+    scenario = planned(save(tmp_path / "plan.yaml", (0.0, 0.0, -0.22)))
+    assert scenario.floor == -0.8
+    assert scenario.height == pytest.approx(0.58)
+    summary = headless.fly(scenario).summary()
+    assert failures(summary) == []
+    assert summary["robots"]["cf1"]["landed"]
+    assert planned(save(tmp_path / "higher.yaml", (0.0, 0.0, 0.3))).floor == 0.0
 
 
 @pytest.mark.parametrize("wind", [-0.1, 1.2, float("nan")])
