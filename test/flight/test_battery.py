@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
@@ -222,6 +222,7 @@ def test_an_empty_battery_on_the_ground_lets_a_waiting_goal_go() -> None:
     assert world.pilot.mode[0] == Mode.IDLE, "motors start when somebody asks for it only"
 
 
+@settings(max_examples=60)
 @given(poses=st.integers(0, 15), barred=st.integers(0, 25), freed=st.integers(1, 30))
 def test_no_motor_starts_while_something_keeps_the_drone_on_the_ground(poses: int, barred: int, freed: int) -> None:
     """Whenever it appears: before the goal, while that waits for poses, or in UNLOCK. Times in ticks."""
