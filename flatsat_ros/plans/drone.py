@@ -118,16 +118,18 @@ class PlannedDrone:
         try:
             values = section("the drone", document, _DRONE)
             knots, points, waypoints = (
-                tables.read(key, values[key], digits, _ROWS_MAX)
+                tables.integers(key, values[key], digits, _ROWS_MAX)
                 for key, digits in (("knots", (6,)), ("control_points", (9, 9, 9)), ("waypoints", (6, 9, 9, 9, 9)))
             )
             return cls(
                 name=name,
-                curve=Curve(tuple(row[0] for row in knots), tuple(points), values["degree"], closed),  # type: ignore[misc, arg-type]
+                curve=Curve(
+                    tuple(knot for (knot,) in knots), tuple((x, y, z) for x, y, z in points), values["degree"], closed
+                ),
                 body=values["body"],
                 tube=Tube(**section("tube", values["tube"], _TUBE)),
                 yaw=values["yaw"],
-                waypoints=tuple(Waypoint(*row) for row in waypoints),  # type: ignore[arg-type]
+                waypoints=tuple(Waypoint(*row) for row in waypoints),
             )
         except FlatsatError as error:
             raise FlatsatError(f"drone {quoted(name)}: {error}") from error

@@ -356,7 +356,8 @@ def _digest(document: Mapping[str, Any]) -> str:
 
 
 def _pairs(name: str, root: Mapping[str, Any]) -> tuple[Pair, ...]:
-    return tuple(Pair(*row) for row in tables.read(name, root[name], _PAIR, _TABLE_MAX))  # type: ignore[arg-type]
+    rows = tables.read(name, root[name], _PAIR, _TABLE_MAX)
+    return tuple(Pair(str(first), str(second), *map(int, figures)) for first, second, *figures in rows)
 
 
 def _stated(found: Closest, first: Sequence[str], second: Sequence[str]) -> tuple[Pair, ...]:

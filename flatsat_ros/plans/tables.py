@@ -59,6 +59,11 @@ def read(name: str, text: object, digits: Sequence[int | None], rows_max: int) -
     return rows
 
 
+def integers(name: str, text: object, digits: Sequence[int], rows_max: int) -> list[tuple[int, ...]]:
+    """Return the rows of a table of decimals alone; see `read`."""
+    return [tuple(map(int, row)) for row in read(name, text, digits, rows_max)]
+
+
 def _integer(place: str, word: str, digits: int) -> int:
     if not _DECIMAL.fullmatch(word) or len(word.partition(".")[2]) > digits:
         raise FlatsatError(f"{place}: {quoted(word)}: must be a decimal with 1 to {digits} digits after the point")
