@@ -47,6 +47,8 @@ _PLACES = 2
 _ENOUGH = 1.3
 _SLID = "told to climb, it moves sideways instead: is z up in the poses?"
 _SUNK = "told to climb, it is seen {0:.2f} m below where it stood, at most {1:g} m: has z the other sign?"
+# for so long, s, after poses were missed the estimated velocity may still be wrong, by metres a second
+_RETURNS = 0.5
 _UNMOVED = "poses whose z stays within {0:g} m, while commands should have changed it by {1:.2f} m: are they its own?"
 _BLOWN = "at the limit of its tilt and {0:.1f} m off its reference, no nearer for seconds: wind? It lands where it is"
 _SWINGS = "it swings from one side to the other: do poses or commands come too late?"
@@ -107,6 +109,7 @@ class Senses:
         self._misled = np.zeros(count, dtype=bool)  # it sinks, and its height is not what its poses say
         self._up = np.zeros((count, 3))  # of those, the direction in which they have left the ground
         self._gone_astray = np.zeros(count, dtype=bool)  # until it is down
+        self._returning = np.zeros(count)  # s, until the velocity is known well after poses were missed
         self._stands = np.zeros(count, dtype=bool)  # it sinks, and its poses stand still
         self._held = np.zeros(count, dtype=bool)  # it was not seen to take off, until its motors stop
         self._taken = np.full(count, -np.inf)  # stamps of the poses that were learnt from last, s
@@ -232,7 +235,9 @@ class Senses:
         free = high & ~standing
         slow = climb < _LIFTING_SLOW if self._tubes is None else self._lift_off.rise(estimated) < _LIFTING_RISE
         lifting = flying & standing & (acceleration[:, 2] >= _LIFTING) & slow
-        self._judge_still(estimated, error[:, 2], free & ~landing)
+        self._judge_still(estimated, error[:, 2], free & ~landing & (self._returning == 0.0))
+        if np.count_nonzero(self._returning):
+            self._returning = np.maximum(self._returning - self._period, 0.0)
         certain = np.abs(self._unmoved.way) < DOUBTFUL
         learning = flying & ~(standing & self._unlocked) & (high | ~landing) & certain
         span: float | FloatArray = self._period
@@ -391,6 +396,8 @@ class Senses:
             answer = self._astray.answer(index) if after is Mode.DESCEND and self._gone_astray[index] else None
             under_way = self._late * float(np.hypot(*self._acceleration[index, :2]))
             self.braking.begin(index, answer, estimated[3:5], under_way)
+        if after is Mode.FLY and before in AIRBORNE:
+            self._returning[index] = _RETURNS
         if after in (Mode.CUT, Mode.REST, Mode.FALLEN, Mode.IDLE):
             self._gone_astray[index] = self._blown[index] = self.braking.active[index] = False
             self._misled[index] = self._stands[index] = False

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import math
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.flight.detectors import LiftOffDetector
+from flatsat_ros.flight.modes import Mode
+from flatsat_ros.flight.policy import Policy
+from flatsat_ros.flight.senses import Senses
 from flatsat_ros.flight.unmoved import UnmovedDetector
 
 PERIOD, GRAVITY = 0.05, 9.81
@@ -26,6 +33,22 @@ def first_alarm(
         if detector.look(estimated, np.array([PERIOD * command]), error, ON, ON)[0]:
             return look
     return -1
+
+
+@pytest.mark.parametrize("returns", [False, True])
+def test_a_velocity_that_is_wrong_after_poses_were_missed_makes_no_height_stand_still(returns: bool) -> None:
+    certificate = load_certificate("cf21_50hz")
+    senses = Senses(certificate, Policy(), 1)
+    if returns:
+        senses.enter(0, Mode.LEVEL, Mode.FLY, np.zeros(9), 0.0, SimpleNamespace(ground=np.zeros(1)))  # type: ignore[arg-type]
+    told = []
+    for tick in range(100):
+        climb = 4.0 * math.exp(-tick * certificate.period / 0.1)  # m/s, estimated of a drone that hovers
+        estimated, error = np.zeros((1, 9)), np.zeros((1, 6))
+        estimated[0, 2], estimated[0, 5], error[0, 2] = 1.0, climb, -0.3
+        senses.note(np.zeros((1, 3)), estimated, error, np.zeros(1), ON, NONE)
+        told += senses.reports()
+    assert any("stays within" in text for _, text in told) is not returns
 
 
 def noise(count: int, seed: int, deviation: float = 1e-3) -> np.ndarray:
