@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from flatsat_ros.cli import shell
 from flatsat_ros.cli.identify import add_log_arguments, identified_from
+
+if TYPE_CHECKING:
+    from flatsat_ros.certificate.certificate import Certificate
+    from flatsat_ros.certificate.flight_tube import Assumptions
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -58,7 +64,6 @@ def _run(arguments: argparse.Namespace) -> int:
         from flatsat_ros.base.strict_yaml import write_yaml
         from flatsat_ros.identification.assumptions import COVERAGE, assumptions
         from flatsat_ros.identification.disturbances import BANDWIDTH
-        from flatsat_ros.synthesis.flight_wishes import STILL
 
         coverage = COVERAGE if arguments.coverage is None else arguments.coverage
         header = (
@@ -67,8 +72,7 @@ def _run(arguments: argparse.Namespace) -> int:
             "# keep them; acceleration, jerk, snap: of references, as in the certificate; lag s, delay s, gain,\n"
             "# frequency rad/s, damping: least and largest\n"
         )
-        reference = STILL if certificate.flight is None else certificate.flight.assumptions
-        write_yaml(arguments.write, dict(assumptions(found, logs, base, reference, coverage)), header)
+        write_yaml(arguments.write, dict(assumptions(found, logs, base, references_of(certificate), coverage)), header)
         print(f"  written to {arguments.write}")
     contradicted = [each.assumption for each in verdicts if each.verdict == CONTRADICTS]
     if contradicted:
@@ -76,6 +80,20 @@ def _run(arguments: argparse.Namespace) -> int:
         return 1
     print(f"{certificate.name}: nothing in these flights contradicts it")
     return 0
+
+
+def references_of(certificate: Certificate) -> Assumptions:
+    """Return what a certificate assumes of references; where it says nothing, what is assumed in still air."""
+    from dataclasses import replace
+
+    from flatsat_ros.synthesis.flight_wishes import STILL
+
+    flight = certificate.flight
+    if flight is None:
+        return STILL
+    # without drag and tilt it needs no bound of the acceleration, and has 0; a drone that has drag does
+    stated = math.isfinite(flight.acceleration)
+    return flight.assumptions if stated else replace(flight.assumptions, acceleration=STILL.acceleration)
 
 
 if __name__ == "__main__":

@@ -179,6 +179,14 @@ def test_flights_say_what_a_certificate_for_their_drone_may_assume(
         assert text in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("name", "acceleration"),
+    [("cf21_adaptive_50hz", 0.9), ("cf21_flight_50hz", STILL.acceleration), ("paper_experiment", STILL.acceleration)],
+)
+def test_a_certificate_for_a_drone_with_drag_lets_references_accelerate(name: str, acceleration: float) -> None:
+    assert validate.references_of(load_certificate(name)).acceleration == acceleration
+
+
 def test_the_excitation_flight_is_written_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     output = tmp_path / "excitation.yaml"
     assert excitation.main(["--output", str(output), "--at", "1,2,1.5"]) == 0
