@@ -47,8 +47,9 @@ _PLACES = 2
 _ENOUGH = 1.3
 _SLID = "told to climb, it moves sideways instead: is z up in the poses?"
 _SUNK = "told to climb, it is seen {0:.2f} m below where it stood, at most {1:g} m: has z the other sign?"
-# for so long, s, after poses were missed the estimated velocity may still be wrong, by metres a second
-_RETURNS = 0.5
+# for so long, s, after poses were missed for the second time, s, the estimated velocity may still be wrong, by metres a
+# second
+_RETURNS, _MISSED = 0.5, 0.15
 _UNMOVED = "poses whose z stays within {0:g} m, while commands should have changed it by {1:.2f} m: are they its own?"
 _BLOWN = "at the limit of its tilt and {0:.1f} m off its reference, no nearer for seconds: wind? It lands where it is"
 _SWINGS = "it swings from one side to the other: do poses or commands come too late?"
@@ -110,6 +111,7 @@ class Senses:
         self._up = np.zeros((count, 3))  # of those, the direction in which they have left the ground
         self._gone_astray = np.zeros(count, dtype=bool)  # until it is down
         self._returning = np.zeros(count)  # s, until the velocity is known well after poses were missed
+        self._missing = np.zeros(count)  # s, for how long there has been no new pose
         self._stands = np.zeros(count, dtype=bool)  # it sinks, and its poses stand still
         self._held = np.zeros(count, dtype=bool)  # it was not seen to take off, until its motors stop
         self._taken = np.full(count, -np.inf)  # stamps of the poses that were learnt from last, s
@@ -235,15 +237,17 @@ class Senses:
         free = high & ~standing
         slow = climb < _LIFTING_SLOW if self._tubes is None else self._lift_off.rise(estimated) < _LIFTING_RISE
         lifting = flying & standing & (acceleration[:, 2] >= _LIFTING) & slow
-        self._judge_still(estimated, error[:, 2], free & ~landing & (self._returning == 0.0))
-        if np.count_nonzero(self._returning):
-            self._returning = np.maximum(self._returning - self._period, 0.0)
+        self._judge_still(estimated, error[:, 2], free & ~landing & (self._returning <= 0.0))
+        new = np.ones(len(yaw), dtype=bool) if newest is None else newest != self._taken
+        if np.count_nonzero(new) < new.size or np.count_nonzero(self._missing + self._returning):
+            self._missing = np.where(new, 0.0, self._missing + self._period)
+            self._returning = np.maximum(self._returning - self._period, _RETURNS * (self._missing >= _MISSED))
         certain = np.abs(self._unmoved.way) < DOUBTFUL
         learning = flying & ~(standing & self._unlocked) & (high | ~landing) & certain
         span: float | FloatArray = self._period
         # what is learnt quickly is not learnt again from a disturbance that no new pose has confirmed
-        if newest is not None and self._tubes is not None:
-            span, self._taken = self._period * (newest != self._taken), newest.copy()
+        if newest is not None:
+            span, self._taken = self._period * new if self._tubes is not None else span, newest.copy()
         self.thrust.learn(acceleration[:, 2] + self._gravity, disturbance[:, 2], learning, lifting, span)
         # what carries a drone lets nothing come of its commands, which is not taken for a wrong sign
         judged = (flying & ~standing) | self.braking.active
