@@ -1,9 +1,11 @@
 // The page of the console: it shows what the stream tells and sends commands; what was refused is shown with the reason.
 
 const SHOWN = 30; // s, of the curves
+const CURVES = 0.5; // s, between two drawings of them
 const LOST = 1.5; // s without news, after which the page says so
 const AGAIN = 0.25; // s, after which a page for which there was no room asks again
-const REST = 3; // times as long as a browser took to draw, the view stays as it is
+const SLOW = 0.04; // s, that a browser takes to begin to draw, from which on it draws less often:
+const REST = 5; // times as long nothing is drawn
 const LATE = 0.5; // s, age of a pose that is shown in red
 const SILENT = 3.5; // s, age of what is told of a link once a second, after which it is not shown any more
 const LATECOMERS = 2.0; // s, that the view waits for the poses of all drones
@@ -98,7 +100,7 @@ class ConsolePage {
     this.flight.add(picture.time - this.origin, picture);
     this.writeLog(picture);
     this.tell(picture);
-    if (this.isDue) return;
+    if (this.isDue || this.now() < this.rested) return;
     this.isDue = true;
     this.asked = this.now();
     requestAnimationFrame(() => this.draw());
@@ -107,15 +109,14 @@ class ConsolePage {
   draw() {
     this.isDue = false;
     const time = this.flight.end;
-    if (this.view && this.now() > this.rested) {
-      this.view.show(time);
-      // a machine that draws slowly, without a graphics card, needs its processor for the flight
-      this.rested = this.now() + REST * (this.now() - this.asked);
-    }
+    // a machine that draws slowly, without a graphics card, needs its processor for the flight
+    const waited = this.now() - this.asked;
+    this.rested = waited > SLOW ? this.now() + REST * waited : -Infinity;
+    if (this.view) this.view.show(time);
     this.fillCards(time);
-    if (this.now() - this.drawn < 0.2) return;
+    if (this.now() - this.drawn < CURVES) return;
     this.drawn = this.now();
-    this.plots.show([Math.max(0, time - SHOWN), Math.max(1, time)]);
+    this.plots.show([Math.max(0, time - SHOWN), Math.max(1, time)], true);
     this.timeline.paint();
     this.fillSliders();
   }
@@ -123,9 +124,11 @@ class ConsolePage {
   tell(picture) {
     const { certificate, period } = picture.setup;
     const count = picture.drones.length;
-    this.parts.subtitle.textContent = certificate
+    const text = certificate
       ? `${count} drone${count === 1 ? "" : "s"}, certificate ${certificate}, ${written(1 / period)} Hz`
       : "no controller has told what it flies: start one";
+    // to write the same again would let the browser draw, and a screen reader read it again
+    if (this.parts.subtitle.textContent !== text) this.parts.subtitle.textContent = text;
   }
 
   build(picture, names) {

@@ -169,9 +169,9 @@ class Plots {
     this.show(span);
   }
 
-  show(span) {
+  show(span, onlySeen = false) {
     this.span = span;
-    this.refill();
+    this.refill(onlySeen);
   }
 
   choose(chosen) {
@@ -179,11 +179,14 @@ class Plots {
     this.plots.forEach((plot) => chosen.forEach((shown, k) => plot.setSeries(k + 1, { show: shown })));
   }
 
-  refill() {
+  /** Draw the curves anew, all or only those that are on the screen now. */
+  refill(onlySeen = false) {
     const [begin, end] = this.span;
     const count = Math.max(2, Math.min(POINTS, Math.ceil((end - begin) * 100)));
     const times = Array.from({ length: count }, (_, k) => begin + ((end - begin) * k) / (count - 1));
     this.plots.forEach((plot, k) => {
+      const { top, bottom } = plot.root.getBoundingClientRect();
+      if (onlySeen && (bottom < 0 || top > window.innerHeight)) return;
       const rows = this.flight.drones.map((drone) => sampled(drone, this.quantities[k], times));
       plot.setData([times, ...rows], false);
       plot.setScale("x", { min: begin, max: end });
