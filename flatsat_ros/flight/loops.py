@@ -97,6 +97,9 @@ class Loop(ABC):
             flying: (N,) who is steered.
         """
 
+    def expect(self, gained: FloatArray) -> None:  # noqa: B027
+        """Expect so much more of what accelerates drones upward, (N,) m/s^2, from now on."""
+
     def astray(self) -> list[int]:
         """Return who is where it cannot be if nothing is broken; nobody where no tube is known."""
         return []
@@ -244,6 +247,10 @@ class PredictedLoop(Loop):
             broken=monitors.broken,
             tube=self._tubes,
         )
+
+    def expect(self, gained: FloatArray) -> None:
+        """Move the estimated disturbance on, which would follow late: meanwhile it would be made up for twice."""
+        self._predictor.disturbance[:, 2] += gained
 
     def astray(self) -> list[int]:
         """Return who is outside its tube although all seems to be as assumed."""

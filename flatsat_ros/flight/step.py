@@ -123,6 +123,8 @@ class ControlStep:
         )
         if parts.orientations.from_motion and senses.looked:
             estimator.yaw += senses.take_turns()
+        if senses.looked:
+            parts.loop.expect(senses.thrust.gained)
         if self._policy.goal_mode is GoalMode.PATH:  # steps take a drone to its limit by themselves
             for index in senses.at_limit(now, aim.base, estimate, error, guidance.landing):
                 if flying[index]:

@@ -27,6 +27,7 @@ class ThrustScale:
 
     Attributes:
         scale: (N,) actual thrust over the thrust asked for; at first rather too high, so that no drone leaps up.
+        gained: (N,) what the last change of the scale adds to the actual thrust, m/s^2.
     """
 
     def __init__(self, count: int, error_max: float, quick: bool = False) -> None:
@@ -41,6 +42,7 @@ class ThrustScale:
         self._first = 1.0 + error_max / 2.0
         self.scale = np.full(count, self._first)
         self._error_max = error_max
+        self.gained = np.zeros(count)
         self._learnt = np.zeros(count)  # s in which it followed
         self._lifting = np.zeros(count)  # s of being commanded upward on the ground, less those of not
 
@@ -73,7 +75,8 @@ class ThrustScale:
         if self._quick:
             constant = np.where(self._learnt < _QUICK_TIME, _QUICK_TIME_CONSTANT, _TIME_CONSTANT)
         scale = self.scale * (1.0 + period / constant * error - period * _LIFTING_RATE * weak)
-        self.scale = np.minimum(np.maximum(scale, 1.0 - self._error_max), 1.0 + self._error_max)
+        before, self.scale = self.scale, np.minimum(np.maximum(scale, 1.0 - self._error_max), 1.0 + self._error_max)
+        self.gained = (before / self.scale - 1.0) * (upward + disturbance)
 
     def take_over(self, index: int) -> None:
         """Begin with drone index in the air, if it is not known yet: there, too little thrust lets it drop."""

@@ -1,0 +1,44 @@
+"""The thrust scale: what is learnt of it disturbs no more."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flatsat_ros.certificate.certificate import load_certificate
+from flatsat_ros.crazyflie.vehicle import load_vehicle
+from flatsat_ros.flight.pilot import Pilot
+from flatsat_ros.flight.policy import Policy
+from flatsat_ros.flight.thrust import ThrustScale
+from flatsat_ros.law.gain import Tuning
+from flatsat_ros.sim.closed_loop import fly
+from flatsat_ros.sim.fleet import SimulatedFleet
+
+
+@given(true=st.floats(0.8, 1.2), upward=st.floats(5.0, 14.0), period=st.floats(0.01, 0.1), quick=st.booleans())
+def test_what_the_scale_gains_is_what_disturbs_less(true: float, upward: float, period: float, quick: bool) -> None:
+    thrust, asked, air, floor = ThrustScale(1, 0.25, quick), np.array([upward]), np.ones(1, bool), np.zeros(1, bool)
+    disturbance = (true / thrust.scale - 1.0) * asked
+    for _ in range(5):
+        thrust.learn(asked, disturbance, air, floor, period)
+        disturbance = disturbance + thrust.gained
+        assert disturbance == pytest.approx((true / thrust.scale - 1.0) * asked, abs=1e-12)
+    assert abs(disturbance[0]) < abs(true / 1.125 - 1.0) * upward + 1e-12
+
+
+def test_a_take_off_whose_thrust_is_still_learnt_does_not_make_up_for_it_twice() -> None:
+    certificate, vehicle = load_certificate("cf21_adaptive_50hz"), load_vehicle("cf21")
+    policy = Policy(disturbance_max=0.8, thrust_error_max=0.25, drag=vehicle.dynamics.drag_z)
+    fleet = SimulatedFleet(vehicle, 1, start=[[0.0, 0.0, 0.0]], command_delay=0.028)
+    pilot = Pilot(certificate, Tuning(2.0, 0.05, 1.0, certificate.gain_max), policy, 1)
+    ahead: list[float] = []
+    fly(pilot, fleet, vehicle, 1.0)
+    pilot.take_off(0, 1.0)
+    fly(
+        pilot, fleet, vehicle, 8.0, start=1.0,
+        observe=lambda _now, _samples, tick, _sent: ahead.append(fleet.bodies.position[0, 2] - tick.reference[0, 2]),
+    )  # fmt: skip
+    assert pilot.mode[0] == 2
+    assert max(ahead) < 0.03
