@@ -8,7 +8,8 @@ the error made smaller before the law sees it, so that for its gain gamma and v0
     gamma v0 = -(k_p e + k_v e')
 
 with gains that bear half a second of lag and delay. The law, its gains and its limits stay what they are. The sign of
-an axis shows in the air alone: a drone that takes off is flown softly sideways until it has been there for a while.
+an axis shows in the air alone: a drone that takes off is flown softly sideways until it has been there for a while, and
+moves as the model expects.
 """
 
 from __future__ import annotations
@@ -26,8 +27,10 @@ _OLD = 0.12
 _STRANGE, _TIMES = np.array([0.016, 0.0075]), np.array([5.0, 2.5])
 # a drone is doubted for so long, s, after the last reason, and each time for longer by this factor, up to so long, s
 _DOUBTED, _LONGER, _LONGEST = 2.0, 2.0, 60.0
-# and after it has left the ground, sideways, s
+# and after it has left the ground, sideways, s; then until so long, s, it has been where it is expected, but not for
+# more than so long, s, besides
 _LIFTED = 1.5
+_CALM, _WAITED = 0.5, 2.0
 _TOLD = "its poses come too late or are not where they are expected: flown softly for {:g} s"
 
 
@@ -50,6 +53,7 @@ class Doubt:
         stiff = np.array([[design.stiffness for design in designs], [design.rate for design in designs]])
         self._share = np.minimum(np.array(_SOFT)[:, np.newaxis] / stiff, 1.0).ravel()
         self._strange = np.maximum(_STRANGE, _TIMES * bounds)
+        self._expected = float(bounds[0])
         self._until = np.full((count, 2), -np.inf)  # s, horizontal and vertical
         self._lifted = np.full(count, -np.inf)  # s, until when each has just left the ground
         self._doubted = np.full(count, _DOUBTED)  # for how long the next time, s
@@ -77,6 +81,9 @@ class Doubt:
             innovation: (N, 2) its size, horizontal and vertical, m.
         """
         beyond = innovation > self._strange
+        waits = now < np.minimum(self._until[:, 0], self._lifted + _WAITED)
+        longer = flying & waits & (innovation[:, 0] > self._expected)
+        self._until[longer, 0] = np.maximum(self._until[longer, 0], now + _CALM)
         beyond[:, 1] &= now >= self._lifted  # by then its thrust has been learnt
         strange = flying & ((age > _OLD) | beyond.any(axis=1))
         if not np.count_nonzero(strange):

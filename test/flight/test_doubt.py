@@ -94,6 +94,15 @@ def test_who_leaves_the_ground_is_doubted_sideways_for_a_moment() -> None:
         assert doubt.of(now)[:, 1].tolist() == raised
 
 
+def test_who_has_left_the_ground_and_is_not_where_it_is_expected_is_doubted_for_longer_and_not_for_ever() -> None:
+    doubt, three = Doubt(FLIGHT, BOUNDS, 3), np.ones(3, dtype=bool)
+    doubt.wait(3.0, three)
+    for now in np.arange(60.5, 160.0) / 20.0:
+        off = [0.004, 0.004 if now < 5.0 else 0.0, 0.002]
+        doubt.look(now, three, np.zeros(3), np.column_stack([off, np.zeros(3)]))
+        assert doubt.of(now)[:, 0].tolist() == [now < 6.95, now < 5.45, now < 4.5], now
+
+
 def test_poses_that_do_not_come_teach_nothing_of_the_thrust() -> None:
     senses = Senses(CERTIFICATE, Policy(thrust_error_max=0.25), 2)
     estimated = np.zeros((2, 9))
