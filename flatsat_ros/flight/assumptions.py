@@ -231,6 +231,10 @@ class Monitors:
         values[:, 7], values[:, 8], values[:, 9], values[:, 10] = demand, gain, 1.0 / gain, self._lateness.excess
         self._judge(now, flying, self._sizes, self._values > self._bounds)
 
+    def lately(self) -> FloatArray:
+        """Return the mean of the estimated disturbances over the last second, (N, 3), m/s^2."""
+        return np.mean(self._remembered, axis=0) if self._remembered else np.zeros((self._count, 3))
+
     def _jumped(self, reference: FloatArray, elapsed: float) -> np.ndarray | None:
         """Return whose references (N, 9) moved otherwise than by their velocity in that time, s, if some are new."""
         before, self._reference = self._reference, reference

@@ -7,12 +7,14 @@ the error made smaller before the law sees it, so that for its gain gamma and v0
 
     gamma v0 = -(k_p e + k_v e')
 
-with gains that bear half a second of lag and delay. The law, its gains and its limits stay what they are. The sign of
-an axis shows in the air alone: a drone that takes off is flown softly sideways until it has been there for a while, and
-moves as the model expects.
+with gains that bear half a second of lag and delay, and what disturbs it is made up for slowly. The law, its gains and
+its limits stay what they are. The sign of an axis shows in the air alone: a drone that takes off is flown softly
+sideways until it has been there for a while, and moves as the model expects.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
@@ -26,11 +28,14 @@ _OLD = 0.12
 # an innovation of so much, m, and so many times its bound, horizontal and vertical, is no noise, nor a gust of 2 m/s
 _STRANGE, _TIMES = np.array([0.016, 0.0075]), np.array([5.0, 2.5])
 # a drone is doubted for so long, s, after the last reason, and each time for longer by this factor, up to so long, s
-_DOUBTED, _LONGER, _LONGEST = 2.0, 2.0, 60.0
+_DOUBTED, _LONGER, _LONGEST = 2.0, 4.0, 60.0
 # and after it has left the ground, sideways, s; then until so long, s, it has been where it is expected, but not for
 # more than so long, s, besides
 _LIFTED = 1.5
 _CALM, _WAITED = 0.5, 2.0
+# what disturbs one that is doubted is made up for with this time constant, s: quickly that would swing a drone whose
+# commands act late, of which its estimate knows nothing
+_SLOW = 1.5
 _TOLD = "its poses come too late or are not where they are expected: flown softly for {:g} s"
 
 
@@ -57,6 +62,9 @@ class Doubt:
         self._until = np.full((count, 2), -np.inf)  # s, horizontal and vertical
         self._lifted = np.full(count, -np.inf)  # s, until when each has just left the ground
         self._doubted = np.full(count, _DOUBTED)  # for how long the next time, s
+        self._new = np.zeros(count, dtype=bool)  # the doubts of each have just begun
+        self._followed = np.zeros((count, 3))  # of its disturbance, m/s^2
+        self._pace = flight.horizontal.design.period / _SLOW
         self._reports: list[tuple[int, str]] = []
         self.any = False
 
@@ -94,6 +102,7 @@ class Doubt:
         self._doubted = np.where(
             lately, np.minimum(_LONGER * self._doubted, _LONGEST), np.where(new, _DOUBTED, self._doubted)
         )
+        self._new |= new
         self._until[strange] = (now + self._doubted)[strange, np.newaxis]
         self._reports += [(int(i), _TOLD.format(self._doubted[i])) for i in np.flatnonzero(new)]
         self.any = True
@@ -103,6 +112,20 @@ class Doubt:
         self._lifted[grounded] = now + _LIFTED
         self._until[grounded, 0] = np.maximum(self._until[grounded, 0], now + _LIFTED)
         self.any = True
+
+    def slowed(self, now: float, lately: Callable[[], FloatArray], disturbance: FloatArray) -> FloatArray:
+        """Return the disturbances (N, 3), m/s^2, that are made up for: slowly, of drones that are not where expected.
+
+        Args:
+            now: s.
+            lately: returns the mean over the last second, (N, 3), from which on it is followed.
+            disturbance: (N, 3) estimated.
+        """
+        if np.count_nonzero(self._new):
+            self._followed[self._new] = lately()[self._new]
+            self._new[:] = False
+        self._followed += self._pace * (disturbance - self._followed)
+        return np.where((now < self._until[:, 1])[:, np.newaxis], self._followed, disturbance)
 
     def soften(self, error: FloatArray, doubts: np.ndarray, gain: FloatArray) -> FloatArray:
         """Return errors (N, 6), m and m/s, that the law may see.

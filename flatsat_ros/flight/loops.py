@@ -195,7 +195,7 @@ class PredictedLoop(Loop):
             plain = self._estimator.estimate(now)
             met = np.where(doubts[:, _OF_STATE], plain[:, :6], met)
             met = reference[:, :6] + self._doubt.soften(met - reference[:, :6], doubts, self._gain)
-            push = np.where(doubts[:, _OF_VECTOR], plain[:, 6:], push)
+            push = np.where(doubts[:, _OF_VECTOR], self._doubt.slowed(now, self._monitors.lately, plain[:, 6:]), push)
             state = np.where(doubts[:, _OF_STATE], plain[:, :6], state)
             most = np.where(doubts.any(axis=1), self._most_doubted, most)
         self._error = state - reference[:, :6]
