@@ -40,6 +40,9 @@ from flatsat_ros.flight.trajectory import SIZE, Trajectory, quintic
 # of what the law may be asked for, what holding the speed against drag may take; the rest is left to change it
 _CRUISE = 0.8
 
+# a turn is led through rest if otherwise it would be wider than braking takes by more than this, m
+_WIDER = 0.1
+
 # durations that are tried, s
 _DURATIONS = 0.2 * 1.1 ** np.arange(90.0)
 _ROUNDING = 1e-9
@@ -117,7 +120,8 @@ def _to_rest(motion: FloatArray, goal: FloatArray, limits: PathLimits, asked: As
     rest[0] = braking.coefficients[-1, 0]
     worst, onward = _straight(rest, goal, limits, asked, walls)
     longer = excess <= _ROUNDING and _end(braking) + _end(onward) >= _end(direct)
-    if longer or max(worse, worst) > _ROUNDING:
+    wide = _aside(direct, motion[0], goal) > _aside(braking, motion[0], goal) + _WIDER
+    if (longer and not wide) or max(worse, worst) > _ROUNDING:
         return direct
     return Part(
         np.concatenate([braking.ends, _end(braking) + onward.ends]),
@@ -128,6 +132,16 @@ def _to_rest(motion: FloatArray, goal: FloatArray, limits: PathLimits, asked: As
 def _end(part: Part) -> float:
     """Return the time at which a part is at rest, s."""
     return float(part.ends[-1]) if part.ends.size else 0.0
+
+
+def _aside(part: _Part, start: FloatArray, goal: FloatArray) -> float:
+    """Return how far a part leads away from the line from a start to a goal, (d,) each, m."""
+    times = np.diff(part.ends, prepend=0.0)[:, np.newaxis, np.newaxis] * _NODES[:, np.newaxis]
+    places = (times ** np.arange(SIZE)) @ part.coefficients[:-1] - start
+    way = goal - start
+    share = np.clip(places @ way / max(float(way @ way), _STILL), 0.0, 1.0)
+    off = places - share[..., np.newaxis] * way
+    return float(np.sqrt((off * off).sum(axis=-1)).max(initial=0.0))
 
 
 def _straight(

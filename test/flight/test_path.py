@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from flatsat_ros.law.input_set import InputSet
 
 LIMITS = InputSet(1.45 * GRAVITY, math.radians(10.0))
 BOUNDS = PathLimits.within(LIMITS, 1.0)
+GENTLE = replace(BOUNDS, jerk=0.87, acceleration=0.87)  # as a certificate assumes
 BOX = Box(np.array([-150.0, -150.0, 0.0]), np.array([150.0, 150.0, 10.0]))
 AT_REST = np.zeros((4, 3))
 
@@ -119,6 +121,20 @@ def test_no_path_takes_longer_than_braking_and_setting_out_from_rest(goal: np.nd
     onward = path_to(resting(braking.end), goal, 0.0, BOUNDS, BOX)
     path = path_to(motion, goal, 0.0, BOUNDS, BOX)
     assert path.times[-1] <= braking.times[-1] + onward.times[-1] + 1e-9
+
+
+@given(goal=places, velocity=st.lists(st.floats(-0.5, 0.5), min_size=2, max_size=2))
+@settings(max_examples=60)
+def test_no_turn_is_much_wider_than_braking(goal: np.ndarray, velocity: list[float]) -> None:
+    motion = resting(np.array([0.0, 0.0, 2.0]))
+    motion[1, :2] = velocity
+    widths = []
+    for end in (np.full(3, np.nan), goal):
+        path = path_to(motion, end, 0.0, GENTLE, BOX)
+        way = np.array([path.sample(t)[:2] for t in np.linspace(0.0, path.times[-1], 300)])
+        share = np.clip(way @ goal[:2] / max(float(goal[:2] @ goal[:2]), 1e-9), 0.0, 1.0)
+        widths.append(np.linalg.norm(way - share[:, np.newaxis] * goal[:2], axis=1).max())
+    assert widths[1] <= widths[0] + 0.1 + 0.01
 
 
 def test_who_sinks_turns_round_after_the_way_that_braking_takes() -> None:
