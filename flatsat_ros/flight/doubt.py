@@ -22,11 +22,11 @@ from flatsat_ros.base.arrays import BoolArray, FloatArray
 from flatsat_ros.certificate.flight import Flight
 
 # k_p, 1/s^2, and k_v, 1/s
-_SOFT = (0.9, 1.8)
+_SOFT = (0.9, 2.0)
 # a pose of this age, s, is older than a loop with the certificate's gains bears for long, whatever was proved
 _OLD = 0.12
 # an innovation of so much, m, and so many times its bound, horizontal and vertical, is no noise, nor a gust of 2 m/s
-_STRANGE, _TIMES = np.array([0.016, 0.0065]), np.array([5.0, 2.0])
+_STRANGE, _TIMES = np.array([0.016, 0.0075]), np.array([5.0, 2.5])
 # a drone is doubted for so long, s, after the last reason, and each time for longer by this factor, up to so long, s
 _DOUBTED, _LONGER, _LONGEST = 2.0, 4.0, 60.0
 # and after it has left the ground, sideways, s; then until so long, s, it has been where it is expected, but not for
@@ -118,11 +118,12 @@ class Doubt:
 
         Args:
             now: s.
-            lately: returns the mean over the last second, (N, 3), from which on it is followed.
+            lately: returns the mean over the last second, (N, 3), from which on it is followed; vertically from 0.
             disturbance: (N, 3) estimated.
         """
         if np.count_nonzero(self._new):
             self._followed[self._new] = lately()[self._new]
+            self._followed[self._new, 2] = 0.0  # what lasts has been learnt of the thrust
             self._new[:] = False
         self._followed += self._pace * (disturbance - self._followed)
         return np.where((now < self._until[:, 1])[:, np.newaxis], self._followed, disturbance)

@@ -10,7 +10,8 @@ length T,
 is what is left to the straight line, whatever its speed V: the direction is D/|D|, V = min(V_max, |D|/T), and the
 constant part takes (|D| - V T)/V. The shortest T that keeps all limits is taken. Where there is none, the acceleration
 is brought to zero first, by a cubic in time, if that is better. Who moves away from the goal, or too fast towards it,
-would go far astray in such a T: where braking first and then setting out from rest takes less time, that is the path.
+would go far astray in such a T: where braking first and then setting out from rest takes less time, or is less wide,
+that is the path.
 
 Horizontal and vertical are planned apart, so that one can stand still while the other moves.
 """
@@ -134,9 +135,9 @@ def _end(part: Part) -> float:
     return float(part.ends[-1]) if part.ends.size else 0.0
 
 
-def _aside(part: _Part, start: FloatArray, goal: FloatArray) -> float:
+def _aside(part: Part, start: FloatArray, goal: FloatArray) -> float:
     """Return how far a part leads away from the line from a start to a goal, (d,) each, m."""
-    times = np.diff(part.ends, prepend=0.0)[:, np.newaxis, np.newaxis] * _NODES[:, np.newaxis]
+    times = np.diff(part.ends, prepend=0.0)[:, np.newaxis, np.newaxis] * NODES[:, np.newaxis]
     places = (times ** np.arange(SIZE)) @ part.coefficients[:-1] - start
     way = goal - start
     share = np.clip(places @ way / max(float(way @ way), _STILL), 0.0, 1.0)
