@@ -188,7 +188,7 @@ class ConsolePage {
       const age = drone.ages.pose;
       const old = element("b", age > LATE ? { class: "late" } : {}, Number.isFinite(age) ? `${written(1000 * age, 2)} ms` : "none");
       const proven = which === 2 ? (value("guaranteed") === 1 ? "guaranteed" : ["not guaranteed", ASSUMPTIONS[value("assumption")]].filter(Boolean).join(": ")) : "";
-      lines[0].replaceChildren("z ", element("b", {}, pose ? `${pose.position[2].toFixed(2)} m` : "–"), "  error ", element("b", {}, which === 2 ? `${error.toFixed(1)} cm` : "–"), "  γ ", element("b", {}, written(value("gamma"))), "  ", proven);
+      lines[0].replaceChildren("z ", element("b", {}, pose ? `${(Math.round(100 * pose.position[2]) / 100 || 0).toFixed(2)} m` : "–"), "  error ", element("b", {}, which === 2 ? `${error.toFixed(1)} cm` : "–"), "  γ ", element("b", {}, written(value("gamma"))), "  ", proven);
       lines[1].replaceChildren("battery ", element("b", {}, `${written(drone.channel("battery").at("voltage", time, 10))} V`), "  pose age ", old);
       lines[2].replaceChildren("link ", ConsolePage.linkOf(drone));
     });
