@@ -27,7 +27,7 @@ class ThrustScale:
 
     Attributes:
         scale: (N,) actual thrust over the thrust asked for; at first rather too high, so that no drone leaps up.
-        gained: (N,) what the last change of the scale adds to the actual thrust, m/s^2.
+        gained: (N,) what the last change of the scale adds to the actual thrust, m/s^2, if it is learnt quickly.
     """
 
     def __init__(self, count: int, error_max: float, quick: bool = False) -> None:
@@ -76,7 +76,8 @@ class ThrustScale:
             constant = np.where(self._learnt < _QUICK_TIME, _QUICK_TIME_CONSTANT, _TIME_CONSTANT)
         scale = self.scale * (1.0 + period / constant * error - period * _LIFTING_RATE * weak)
         before, self.scale = self.scale, np.minimum(np.maximum(scale, 1.0 - self._error_max), 1.0 + self._error_max)
-        self.gained = (before / self.scale - 1.0) * (upward + disturbance)
+        if self._quick:
+            self.gained = (before / self.scale - 1.0) * (upward + disturbance)
 
     def take_over(self, index: int) -> None:
         """Begin with drone index in the air, if it is not known yet: there, too little thrust lets it drop."""
