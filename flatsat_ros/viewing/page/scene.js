@@ -5,7 +5,7 @@ const SHOWN_LARGER = 2.0; // drones are drawn larger than they are, or nobody wo
 const TRAIL = 8.0; // s
 const TRAIL_POINTS = 240;
 const FAR = 1000; // m: what is further away is no room, but a pose gone wrong
-const RISE = 1.2; // m, above the lowest place of drones that fly now, that is in the picture
+const RISE = 1.2; // m, above the floor, that is in the picture of drones that fly now
 const LONG = 20; // characters of a label, at most
 const MANY = 12; // drones, from which on labels are smaller
 const LINES = 200; // of the grid, at most
@@ -129,8 +129,12 @@ class View3d {
       }
     }
     if (box.isEmpty()) return new vendor.Box3(new vendor.Vector3(-1, -1, 0), new vendor.Vector3(1, 1, 1));
-    // drones that stand on the floor will rise
-    if (this.flight.isLive) box.expandByPoint(box.min.clone().setZ(box.min.z + RISE));
+    if (this.flight.isLive) {
+      // drones that stand on the floor will rise, and others land
+      const { floor } = this.flight.setup;
+      const low = Number.isFinite(floor) ? floor : box.min.z;
+      for (const height of [low, low + RISE]) box.expandByPoint(box.min.clone().setZ(height));
+    }
     return box;
   }
 
