@@ -44,6 +44,9 @@ class Wire:
     def wait_for_all_acked(self, _: object) -> bool:
         return True
 
+    def get_subscription_count(self) -> int:
+        return 1
+
 
 class Room:
     """Two simulated drones, 1 m apart, and their controller.
