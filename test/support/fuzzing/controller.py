@@ -119,6 +119,9 @@ class _Recorded:
         assert 0.0 <= sent.thrust <= self._pwm_max, sent
         assert math.cos(math.radians(sent.roll)) * math.cos(math.radians(sent.pitch)) >= self._least, sent
 
+    def get_subscription_count(self) -> int:
+        return 1
+
 
 class _Attacked:
     """A room in which both drones hover, again and again from the same moment."""
