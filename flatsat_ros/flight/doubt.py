@@ -22,7 +22,7 @@ from flatsat_ros.base.arrays import BoolArray, FloatArray
 from flatsat_ros.certificate.flight import Flight
 
 # k_p, 1/s^2, and k_v, 1/s
-_SOFT = (0.9, 2.0)
+_SOFT = (0.9, 1.4)
 # a pose of this age, s, is older than a loop with the certificate's gains bears for long, whatever was proved
 _OLD = 0.12
 # an innovation of so much, m, and so many times its bound, horizontal and vertical, is no noise, nor a gust of 2 m/s

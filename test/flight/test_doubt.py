@@ -20,7 +20,7 @@ assert CERTIFICATE.flight is not None
 FLIGHT = CERTIFICATE.flight
 BOUNDS = np.array([0.003, 0.003])  # m
 FLYING, CALM = np.ones(1, dtype=bool), np.zeros((1, 2))
-SOFTEST, SOFT = 0.5, 2.2  # 1/s^2 and 1/s: gains that bear half a second of lag and delay are between these
+SOFTEST, SOFT = 0.5, 2.0  # 1/s^2 and 1/s: gains that bear half a second of lag and delay are between these
 
 STRANGE = st.one_of(
     st.floats(0.15, 0.5).map(lambda age: (age, 0.0, 0.0)),
