@@ -20,7 +20,7 @@ LIFTED_OFF = 0.05
 _CLIMB = 0.5
 # a drone that a thrust that lifts whoever can be flown does not lift by so much, m, within this time, s, stays on the
 # ground, or its poses do not show that it leaves it.
-_ENOUGH_RISE, _ENOUGH_TIME = 0.01, 0.3
+_ENOUGH_RISE, _ENOUGH_TIME = 0.01, 0.4
 # a drone that moves sideways by so much, m, before it has left the ground does not climb where it is told to
 _SLID = 0.15
 

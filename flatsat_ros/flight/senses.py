@@ -33,10 +33,10 @@ _YAW_TIME = 0.5
 _YAW_SETTLES = 3.0
 # near the ground, m, a drone is not judged by its motion: something may carry it
 _NEAR_GROUND = 0.15
-# a drone on the ground that is commanded upward by this, m/s^2, and stays this slow, m/s, has too little thrust; where
-# the estimated velocity believes in the commands, one that has not risen by so much, m
+# a drone on the ground that is commanded upward by this, m/s^2, and has not risen by so much, m, has too little thrust:
+# its estimated velocity believes in the commands, or shows the noise of the poses
 _LIFTING = 0.3
-_LIFTING_SLOW, _LIFTING_RISE = 0.02, 0.005
+_LIFTING_RISE = 0.005
 # a certificate that knows nothing of lag and delay does not make the drone answer sooner than after this, s
 _LATE = 0.15
 # With a stiff law, whether a drone moves as it is commanded to is seen by its places at so many looks: its estimated
@@ -231,12 +231,12 @@ class Senses:
         self._ticks += 1
         if self._ticks % self._every:
             return np.asarray(self._free & flying)
-        disturbance, climb = estimated[:, 6:], estimated[:, 5]
+        disturbance = estimated[:, 6:]
         standing = self._lift_off.standing
         high = flying & (estimated[:, 2] >= self._low)
         free = high & ~standing
-        slow = climb < _LIFTING_SLOW if self._tubes is None else self._lift_off.rise(estimated) < _LIFTING_RISE
-        lifting = flying & standing & (acceleration[:, 2] >= _LIFTING) & slow
+        low = self._lift_off.rise(estimated) < _LIFTING_RISE
+        lifting = flying & standing & (acceleration[:, 2] >= _LIFTING) & low
         self._judge_still(estimated, error[:, 2], free & ~landing & (self._returning <= 0.0))
         new = np.ones(len(yaw), dtype=bool) if newest is None else newest != self._taken
         if np.count_nonzero(new) < new.size or np.count_nonzero(self._missing + self._returning):

@@ -284,15 +284,18 @@ def test_a_drone_taken_over_in_the_air_neither_drops_nor_leaps(scale: float) -> 
     assert max(heights) < 1.2
 
 
-def test_a_drone_that_is_locked_again_after_its_unlocking_flies_none_the_less() -> None:
+def test_a_drone_that_is_locked_again_after_its_unlocking_stays_on_the_ground_until_it_is_armed() -> None:
     flight = Flight()
     flight.pilot.take_off(0, 0.6)
     flight.let_pass(0.5)
     flight.fleet.reboot(0)  # as if the zeros had gone unheard
-    flight.let_pass(1.0)
+    flight.let_pass(25.0)
     assert flight.height == 0.0
-    flight.let_pass(12.0)
-    assert flight.modes == [Mode.IDLE, Mode.UNLOCK, Mode.FLY, Mode.UNLOCK, Mode.FLY][-len(flight.modes) :]
+    assert flight.modes == [Mode.IDLE, Mode.UNLOCK, Mode.FLY, Mode.DESCEND, Mode.FALLEN][-len(flight.modes) :]
+    flight.pilot.arm(0, True)
+    flight.let_pass(0.1)
+    flight.pilot.take_off(0, 0.6)
+    flight.let_pass(6.0)
     assert flight.height == pytest.approx(0.6, abs=0.15)
 
 
@@ -310,7 +313,7 @@ def test_a_brushless_drone_with_poses_at_10_hz_takes_off_once_it_is_armed_but_no
     flight.pilot.take_off(0, 0.5)
     flight.let_pass(armed - flight.now)
     flight.fleet.firmware.request_arming(0, True)
-    flight.let_pass(4.0)
+    flight.let_pass(4.0 if flies else 12.0)
     assert (flight.height > 0.3) == flies
     assert flight.modes[-1] is (Mode.FLY if flies else Mode.FALLEN)
     assert flight.thrusts[-1] > 0.0 or not flies

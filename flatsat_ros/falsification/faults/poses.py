@@ -183,6 +183,16 @@ POSE_FAULTS = (
         ((0.0, poses(lambda _: faults.frozen(2))), (0.0, _rise)),
         _STILL,
     ),
+    Fault(
+        "poses_z_frozen_noisy",
+        "z stays as it is but for noise of 0.5 mm, and there is a goal 1 m above",
+        ((0.0, poses(lambda s: faults.frozen(2, s.seed, 5e-4))), (0.0, _rise)),
+        Bounds(End.DOWN, told=r"\bz stays within"),
+        # it hops, by a thrust that is not known yet, until it should have been seen to leave the ground
+        {Phase.TAKE_OFF: Bounds(End.DOWN, impact=1.5, distance=1.5, told="not seen to leave the ground")},
+        since_take_off=EARLY,
+        watched=26.0,
+    ),
     _lasting(
         "poses_z_mirrored",
         "z has the other sign",
