@@ -128,6 +128,7 @@ class Event(Enum):
     POSE_BACK_LATE = "poses are back after a descent without them: it goes on"
     TOUCHED_DOWN = "touched down"
     HELD = "told to climb, but it is not seen to leave the ground: in case it has, it sinks without position"
+    STANDS = "told to climb, but it stays where it is, on something: unlocked"
     NOT_LIFTED = "not seen to leave the ground (locked, too heavy, another body's poses?): motors stopped until armed"
     FELL = "it falls or lies still against the command: motors stopped until armed"
     ASTRAY = "it does not move as commanded: it brakes by what was seen of that, and sinks"
@@ -153,7 +154,8 @@ CONDITIONS: dict[Event, tuple[str, ...]] = {
     Event.POSE_BACK: ("usable",),
     Event.POSE_BACK_LATE: ("usable", "steady", "not astray", "not held"),
     Event.TOUCHED_DOWN: ("touched_down",),
-    Event.HELD: ("held",),
+    Event.HELD: ("held", "grounded"),
+    Event.STANDS: ("held", "not grounded"),
     Event.NOT_LIFTED: ("held", "descended"),
     Event.FELL: ("fell",),
     Event.ASTRAY: ("astray",),
@@ -179,6 +181,7 @@ TABLE: dict[Mode, tuple[tuple[Event, Mode], ...]] = {
         (Event.FELL, Mode.FALLEN),
         (Event.TOUCHED_DOWN, Mode.REST),
         (Event.HELD, Mode.DESCEND),
+        (Event.STANDS, Mode.UNLOCK),
     ),
     Mode.LEVEL: ((Event.POSE_BACK, Mode.FLY), (Event.LEVEL_TIME_OVER, Mode.DESCEND)),
     Mode.DESCEND: (

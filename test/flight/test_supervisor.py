@@ -40,7 +40,8 @@ ROWS = {
         ("usable astray", Mode.DESCEND),
         ("usable -astray fell", Mode.FALLEN),
         ("usable -astray -fell touched_down", Mode.REST),
-        ("usable -astray -fell -touched_down held", Mode.DESCEND),
+        ("usable -astray -fell -touched_down held grounded", Mode.DESCEND),
+        ("usable -astray -fell -touched_down held -grounded", Mode.UNLOCK),
     ],
     Mode.LEVEL: [("usable", Mode.FLY), ("-usable over", Mode.DESCEND)],
     Mode.DESCEND: [
