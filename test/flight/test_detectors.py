@@ -75,7 +75,7 @@ def test_commands_that_act_in_another_direction_are_noticed(
 def test_commands_that_act_nearly_as_told_are_left_in_peace_in_gusts_too(
     degrees: float, phases: list[float], strength: float, gust: float
 ) -> None:
-    assumed = abs(degrees) < 20.0
+    assumed = abs(degrees) < 10.0
     assert first_astray(strength * turned(degrees), phases, gust=gust, assumed=assumed) == math.inf
 
 
