@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -141,17 +142,24 @@ def measure(certificate: Path, folder: Path) -> Measurement:
         rclpy.try_shutdown()
 
 
+def spin_beside(running: dict[str, subprocess.Popen[bytes]], executor: EventsExecutor, seconds: float) -> None:
+    """Serve the executor for some seconds beside running processes, by name.
+
+    Raises:
+        FlatsatError: one of them has ended.
+    """
+    end = time.monotonic() + seconds
+    while (left := end - time.monotonic()) > 0.0:
+        executor.spin_once(timeout_sec=left)
+    for name, process in running.items():
+        if process.poll() is not None:
+            raise FlatsatError(f"{name} ended with exit code {process.returncode}; see its log")
+
+
 def _rounds(
     stage: Stage, executor: EventsExecutor, players: dict[str, subprocess.Popen[bytes]], period: float
 ) -> Measurement:
-    def spin(seconds: float) -> None:
-        end = time.monotonic() + seconds
-        while (left := end - time.monotonic()) > 0.0:
-            executor.spin_once(timeout_sec=left)
-        for name, player in players.items():
-            if player.poll() is not None:
-                raise FlatsatError(f"{name} ended with exit code {player.returncode}; see its log")
-
+    spin = partial(spin_beside, players, executor)
     deadline = time.monotonic() + _DISCOVERY
     while not stage.connected():
         spin(0.1)

@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -213,13 +214,7 @@ def _node(module: str, *arguments: str) -> list[str]:
 def _rounds(
     watcher: Watcher, executor: EventsExecutor, nodes: dict[str, subprocess.Popen[bytes]], folder: Path
 ) -> ConsoleCost:
-    def spin(seconds: float) -> None:
-        end = time.monotonic() + seconds
-        while (left := end - time.monotonic()) > 0.0:
-            executor.spin_once(timeout_sec=left)
-        for name, node in nodes.items():
-            if node.poll() is not None:
-                raise FlatsatError(f"{name} ended with exit code {node.returncode}; see its log")
+    spin = partial(processes.spin_beside, nodes, executor)
 
     def measured(pids: dict[str, int]) -> tuple[float, float]:
         """Return the console's processor time over the subscriber's, NaN without one, and the median tick, us."""
