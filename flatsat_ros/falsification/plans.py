@@ -2,7 +2,7 @@
 
 Several copies of a plan are flown side by side, each drone with a thrust of its own, in a wind that turns as fast as
 the certificate's assumptions allow, on one pose for each tick, new or as late as they allow. Drones begin in the air at
-their first points and have a few seconds to settle. What is compared are true places, at every tick.
+their first points and have a second and a half to settle. What is compared are true places, at every tick.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from flatsat_ros.sim.sensor import MotionCapture
 _VEHICLE, _LINK_DELAY = "cf21", 0.028  # as in the demo
 _DRONES = 240  # flown at once, about: more of them cost less each
 _BESIDE = 30.0  # m, between copies of a plan
-_GIVEN, _SETTLED = 0.5, 3.0  # s, when the references are given, and begin
+_GIVEN, _SETTLED = 0.5, 1.5  # s, when the references are given, and begin: drones are in their tubes, not yet at rest
 _FAR = 1e5  # m, walls and ceiling
 _TUNING = (2.0, 0.05, 1.0)  # mu, V_inf, gamma_0: the controller's defaults
 _OF_NOISE = 1.0 / 4.0  # standard deviation over the bound that the certificate assumes

@@ -11,6 +11,8 @@ from flatsat_ros.flight.guarantee import Assessment
 from flatsat_ros.flight.modes import Mode, Transition
 from flatsat_ros.law.controller import Output
 
+_IDLE = Mode.IDLE.value
+
 
 class Command(NamedTuple):
     """What one drone is told.
@@ -78,7 +80,7 @@ class Tick(NamedTuple):
 
     def command(self, index: int) -> Command | None:
         """Return what drone index is told, None in IDLE: then it is left to whoever flies it."""
-        if self.mode[index] == Mode.IDLE:
+        if self.mode[index] == _IDLE:
             return None
         thrust, roll, pitch = self.input[index].tolist()
         scale = float(self.thrust_scale[index])

@@ -11,6 +11,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -27,8 +28,9 @@ _REST = 1e-3
 # A jerk that changes at once by no more than this, m/s^3, does not jump.
 _SMOOTH = 1e-3
 
-# Each segment's acceleration, a cubic, is bounded by the control points of this many pieces.
+# Each segment's polynomials are bounded by the control points of this many pieces.
 _PIECES = 8
+_EDGES = tuple(np.linspace(0.0, 1.0, _PIECES + 1).tolist())
 
 SIZE = 8  # coefficients of a polynomial, t^0 .. t^7
 _POWERS = np.arange(SIZE)
@@ -142,9 +144,8 @@ class Trajectory:
             return self.end, self.end
         span = np.diff(self.times)
         powers = self.coefficients.transpose(1, 0, 2) * np.power(span, _POWERS[:, np.newaxis])[..., np.newaxis]
-        edges = itertools.pairwise(np.linspace(0.0, 1.0, _PIECES + 1))
-        points = np.concatenate([bernstein_coefficients(powers, float(left), float(right)) for left, right in edges])
-        return points.min(axis=(0, 1)), points.max(axis=(0, 1))
+        points = _control_points(powers).reshape(-1, 3)
+        return points.min(axis=0), points.max(axis=0)
 
     def sample(self, t: float) -> FloatArray:
         """Return position, velocity and acceleration (9,) at t; before the start and after the end it rests."""
@@ -180,11 +181,9 @@ class Trajectory:
             derivative = derivative[:, 1:] * np.arange(1.0, SIZE - order + 1.0)[:, np.newaxis] / span[:, None, None]
             if order < 2:
                 continue
-            powers = derivative.transpose(1, 0, 2)
-            for left, right in itertools.pairwise(np.linspace(0.0, 1.0, _PIECES + 1)):
-                points = bernstein_coefficients(powers, float(left), float(right))
-                sizes = np.hypot(points[..., 0], points[..., 1]).max(), np.abs(points[..., 2]).max()
-                found[order - 2] = np.maximum(found[order - 2], sizes)
+            points = _control_points(derivative.transpose(1, 0, 2))
+            sizes = np.hypot(points[..., 0], points[..., 1]).max(), np.abs(points[..., 2]).max()
+            found[order - 2] = np.maximum(found[order - 2], sizes)
             if order == 3:
                 begin, end = derivative[:, 0], derivative.sum(axis=1)
                 jumps = np.abs(np.concatenate([begin[1:], np.zeros((1, 3))]) - end)
@@ -221,17 +220,32 @@ def nearest(accelerations: FloatArray, times: FloatArray, limits: InputSet) -> M
         return tightest
     powers = accelerations.transpose(1, 0, 2)  # of (t - start) / span
     powers = powers * np.power(span, np.arange(float(len(powers)))[:, np.newaxis])[..., np.newaxis]
-    for left, right in itertools.pairwise(np.linspace(0.0, 1.0, _PIECES + 1)):
-        points = bernstein_coefficients(powers, float(left), float(right))
-        distances = limits.margin(points)
-        control, segment = np.unravel_index(int(distances.argmin()), distances.shape)
-        if distances[control, segment] < tightest.distance:
-            tightest = Margin(
-                float(distances[control, segment]),
-                float(times[segment] + left * span[segment]),
-                limits.nearest_limit(points[control, segment]),
-            )
-    return tightest
+    points = _control_points(powers)
+    distances = limits.margin(points)
+    least = piece, _, segment = np.unravel_index(int(distances.argmin()), distances.shape)
+    if not distances[least] < tightest.distance:
+        return tightest
+    time = float(times[segment] + _EDGES[piece] * span[segment])
+    return Margin(float(distances[least]), time, limits.nearest_limit(points[least]))
+
+
+def _control_points(powers: FloatArray) -> FloatArray:
+    """Return the Bernstein control points of all pieces of polynomials on [0, 1].
+
+    Args:
+        powers: (n + 1, M, 3) coefficients of t^0 .. t^n of M polynomials.
+
+    Returns:
+        (pieces, n + 1, M, 3).
+    """
+    return np.tensordot(_to_control_points(len(powers) - 1), powers, 1)
+
+
+@cache
+def _to_control_points(degree: int) -> FloatArray:
+    """Return the matrices (pieces, n + 1, n + 1) from coefficients of powers to control points."""
+    basis = np.eye(degree + 1)
+    return np.array([bernstein_coefficients(basis, left, right) for left, right in itertools.pairwise(_EDGES)])
 
 
 def evaluate(coefficients: FloatArray, t: FloatArray) -> FloatArray:
