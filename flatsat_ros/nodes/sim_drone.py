@@ -165,7 +165,7 @@ class SimDrone(ProgramNode):
         )
 
     def _capture(self) -> MotionCapture:
-        noise = "standard deviation of a measured position, per axis"
+        noise = "standard deviation of a measured position, per axis; no sample is further than 5 of them off"
         return MotionCapture(
             rate=declare(self, "pose_rate", 100.0, "poses per second", unit="Hz", bounds=(0.1, 500.0)),
             noise=declare(self, "position_noise", 0.0, noise, unit="m", bounds=(0.0, 10.0)),

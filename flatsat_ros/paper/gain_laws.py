@@ -14,14 +14,14 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
-from flatsat_ros.demo.scenario import POSE_NOISE, VEHICLE
+from flatsat_ros.demo.scenario import VEHICLE
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import GoalMode, Policy
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.controller import Controller
 from flatsat_ros.law.gain import Tuning
-from flatsat_ros.paper.studies import run_sampled
+from flatsat_ros.paper.studies import POSE_NOISE, run_sampled
 from flatsat_ros.sim.closed_loop import fly
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.sensor import MotionCapture, Sample

@@ -14,13 +14,14 @@ from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.certificate.closed_form import closed_form_certificate
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
-from flatsat_ros.demo.scenario import LEG_TIME, PAPER_WAYPOINTS, POSE_NOISE, swap_between
+from flatsat_ros.demo.scenario import LEG_TIME, PAPER_WAYPOINTS, swap_between
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import GoalMode, Policy
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.law.input_set import InputSet
+from flatsat_ros.paper.studies import POSE_NOISE
 from flatsat_ros.sim.closed_loop import fly
 from flatsat_ros.sim.dynamics import Wind
 from flatsat_ros.sim.fleet import SimulatedFleet

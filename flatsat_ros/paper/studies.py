@@ -17,6 +17,8 @@ from flatsat_ros.law.gain import adapt
 # E w (N, 6) at time t, s, for N drones, given xi'P (N, 6)
 Disturbance = Callable[[float, FloatArray], FloatArray]
 
+POSE_NOISE = 5e-4  # m, standard deviation of the motion capture in studies that fly the simulated Crazyflie
+
 
 @dataclass(frozen=True, eq=False)
 class History:

@@ -12,6 +12,8 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import require, require_fields, require_not_negative, require_positive
 
 _ROUNDING = 1e-9  # s: times closer than this are the same
+# standard deviations that noise stays within, horizontally and vertically, so that it can keep a bound for certain
+NOISE_BOUND = 5.0
 
 
 class Sample(NamedTuple):
@@ -36,7 +38,7 @@ class MotionCapture:
 
     Attributes:
         rate: samples of each drone per second, Hz; a sample falls on the first integration step at or after its time.
-        noise: standard deviation of the position per axis, m.
+        noise: standard deviation of the position per axis, m; it stays within NOISE_BOUND of them.
         dropout: probability that a sample of a drone is lost, independently of all others.
         gaps: pairs (start, end) of times, s, between which there is no sample of any drone.
         latency: time from the stamp of a sample to its release, s.
@@ -83,7 +85,7 @@ class Recorder:
             quaternion: (N, 4) x, y, z, w; body -> world.
         """
         self._taken += 1
-        noisy = position + self._capture.noise * self._generator.standard_normal(position.shape)
+        noisy = position + self._capture.noise * _bounded(self._generator.standard_normal(position.shape))
         kept = self._generator.random(len(position)) >= self._capture.dropout
         if any(start <= time < end for start, end in self._capture.gaps):
             return
@@ -95,3 +97,10 @@ class Recorder:
         while self._waiting and self._waiting[0].stamp + self._capture.latency <= time + _ROUNDING:
             released.append(self._waiting.popleft())
         return released
+
+
+def _bounded(noise: FloatArray) -> FloatArray:
+    """Return noise (N, 3) of standard deviation 1, its horizontal and its vertical part no longer than NOISE_BOUND."""
+    sides, upright = np.hypot(noise[:, 0], noise[:, 1]), np.abs(noise[:, 2])
+    size: FloatArray = np.maximum(np.stack([sides, sides, upright], axis=1), NOISE_BOUND)
+    return noise * NOISE_BOUND / size

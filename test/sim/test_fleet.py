@@ -2,6 +2,7 @@
 
 import dataclasses
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from flatsat_ros.law.flatness import acceleration_from_input, input_from_acceler
 from flatsat_ros.sim.dynamics import STEP, Wind
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.power import Battery
-from flatsat_ros.sim.sensor import MotionCapture
+from flatsat_ros.sim.sensor import NOISE_BOUND, MotionCapture, Recorder
 
 VEHICLES = Path(__file__).parents[2] / "config" / "vehicles"
 CF21 = VehicleProfile.load(VEHICLES / "cf21.yaml")
@@ -271,6 +272,19 @@ def test_noise_and_drop_out_are_as_asked() -> None:
     assert len(samples) == pytest.approx(0.75 * 10 * 1001, rel=0.03)
     assert_allclose(errors.std(axis=0), 1e-3, rtol=0.05)
     assert_allclose(errors.mean(axis=0), 0.0, atol=6e-5)
+
+
+@pytest.mark.parametrize("draw", [(0.0, 0.0, 0.0), (3.0, -4.1, 5.1), (-30.0, 40.0, 1.0), (0.3, 0.4, -7.0)])
+def test_noise_keeps_a_bound_that_is_a_multiple_of_its_standard_deviation(draw: tuple[float, float, float]) -> None:
+    generator = Mock()
+    generator.standard_normal.return_value, generator.random.return_value = np.array([draw]), np.ones(1)
+    recorder = Recorder(MotionCapture(noise=2.0), generator)
+    recorder.take(0.0, np.zeros((1, 3)), np.array([[0.0, 0.0, 0.0, 1.0]]))
+    (sample,) = recorder.release(0.0)
+    x, y, z = np.array(draw)
+    assert_allclose(np.hypot(*sample.position[:2]), 2.0 * min(np.hypot(x, y), NOISE_BOUND))
+    assert_allclose(sample.position[2], 2.0 * np.clip(z, -NOISE_BOUND, NOISE_BOUND))
+    assert_allclose(sample.position[0] * y, sample.position[1] * x)  # its direction is that drawn
 
 
 def test_gaps_are_silent() -> None:
