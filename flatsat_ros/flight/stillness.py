@@ -21,8 +21,9 @@ _FINE = 5e-5
 # repeats for so long while so much is commanded, is an old one; a coordinate in so many poses at least
 REPEATED = ((0.15, 0.05), (0.6, 1e-3))
 _POSES = 3
-# the others are noisy if they turn back so often, by more than this, m
-_TURNS, _NOISE = 12, 1e-5
+# The others are noisy if they turn back, by more than this, m, in so many pairs of poses one after the other: of noise
+# 5 of 12 pairs do. What swings, however often, turns back at its crests alone, once each.
+_TURNS, _NOISE = 8, 1e-5
 # One that should have moved by so much, m, or so many of the least changes, and so fast, m/s, and so many of them in a
 # second more, as what is rounded lets an estimated velocity be off, is no longer taken in. It is an old one if it
 # repeats for the first time, s, and should have moved by the second distance, or when the second time has passed since.
@@ -57,7 +58,7 @@ class _Repeat:
         velocity: along it then, m/s.
         balance: acceleration commanded then, m/s^2.
         poses: number of repetitions.
-        turns: how often another one turned back meanwhile.
+        turns: how often another one turned back twice in succession meanwhile.
         speed: change of velocity that was commanded since beyond the balance, m/s.
         way: that velocity and this change have led so far since, m.
         duplicate: stamp from which on it is not taken in until it changes, s; infinite before.
@@ -84,6 +85,7 @@ class Stillness:
         """Begin before the first poses."""
         self._last: list[tuple[float, tuple[float, float, float]] | None] = [None] * count  # stamp, position
         self._changes = [(0.0, 0.0, 0.0)] * count  # at the last pose one of whose coordinates repeated, m
+        self._turned = [(False, False, False)] * count  # which turned back there
         self._repeats: list[dict[int, _Repeat]] = [{} for _ in range(count)]  # by axis
         self._finest = [1.0] * count  # least change of a coordinate so far, m
 
@@ -147,9 +149,10 @@ class Stillness:
         repeats, elapsed, worst = self._repeats[index], stamp - before, None
         if elapsed > _GAP:
             repeats.clear()
-        turns = sum(
-            new * old < 0.0 and abs(new) > _NOISE for new, old in zip(changes, self._changes[index], strict=True)
-        )
+        x, y, z = self._changes[index]
+        turned = _turned(changes[0], x), _turned(changes[1], y), _turned(changes[2], z)
+        turns = sum(now and last for now, last in zip(turned, self._turned[index], strict=True))
+        self._turned[index] = turned
         for axis, change in enumerate(changes):
             if change:
                 repeats.pop(axis, None)
@@ -200,3 +203,8 @@ class Stillness:
             limits.append(late)
         limit = min(limits, default=math.inf)
         return limit if lasted >= limit else 0.0
+
+
+def _turned(change: float, before: float) -> bool:
+    """Tell whether a coordinate that changes, m, after it has changed before, m, turned back like noise."""
+    return change * before < 0.0 and abs(change) > _NOISE

@@ -65,6 +65,20 @@ def test_noisy_coordinates_are_never_rounded_or_not(deviation: float, seed: int,
     assert first_still(places, acceleration=(0.3, 0.2, -0.1), velocity=(0.01, 0.0, 0.01)) == (math.inf, -1)
 
 
+@given(
+    axis=AXES, amplitude=st.floats(1e-5, 0.05), seconds=st.floats(0.3, 5.0), period=st.sampled_from([0.01, 0.02, 0.05])
+)
+@settings(max_examples=15)
+def test_a_coordinate_at_rest_may_repeat_for_ever_beside_one_that_swings_without_noise(
+    axis: int, amplitude: float, seconds: float, period: float
+) -> None:
+    turns = 40
+    times = np.arange(0.0, turns * seconds / 2.0, period)[:, np.newaxis]
+    places = amplitude * np.sin(2.0 * np.pi * times / seconds * [1.0, 0.8, 0.6])
+    places[:, axis] = 1.0
+    assert first_still(places, period=period) == (math.inf, -1)
+
+
 @given(axis=AXES, commanded=st.floats(-5.0, 5.0))
 @settings(max_examples=25)
 def test_a_coordinate_of_a_smooth_flight_that_stands_still_is_an_old_one_if_it_is_told_to_move(
