@@ -39,9 +39,19 @@ def finite_array(name: str, value: object, width: int | None = None) -> FloatArr
     """
     array = float_array(name, value, width)
     finite = np.isfinite(array)
-    if np.count_nonzero(finite) < finite.size:  # a third of the cost of all() on small arrays
+    if not all_of(finite):
         raise refusal(f"an entry of {name}", array[~finite].flat[0], "", "a finite number")
     return array
+
+
+def any_of(holds: BoolArray) -> bool:
+    """Tell whether any entry of booleans is true, in a tenth of the time of `any` where there are few."""
+    return 1 in holds.tobytes()
+
+
+def all_of(holds: BoolArray) -> bool:
+    """Tell whether every entry of booleans is true, see `any_of`."""
+    return 0 not in holds.tobytes()
 
 
 def require_each(holds: BoolArray, name: str, values: FloatArray, unit: str, valid: str) -> None:

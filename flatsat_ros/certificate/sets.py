@@ -19,13 +19,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import FloatArray, all_of
 from flatsat_ros.base.errors import refusal
 from flatsat_ros.law.input_set import InputSet
 
@@ -56,6 +56,13 @@ class Membership(NamedTuple):
     place: FloatArray
     kappa: FloatArray
     guaranteed: np.ndarray
+
+
+@lru_cache(maxsize=16)
+def _all_inside(shape: tuple[int, ...]) -> tuple[np.ndarray, FloatArray, np.ndarray]:
+    """Return place, kappa and guarantee of states (...) that are all in E, which nobody can change."""
+    place, kappa, guaranteed = (np.broadcast_to(value, shape) for value in (Place.ELLIPSOID.value, 1.0, True))
+    return place, kappa, guaranteed
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,9 +142,8 @@ class Sets:
             state: (N, 6) or (N, 3 n) errors, see `levels`; a row that is not finite is outside.
         """
         lateral, upright, total = self._finite_levels(state)
-        if np.count_nonzero(total <= self.level) == total.size:  # E lies in D: nothing more to compute
-            one, inside = np.ones(total.shape), np.ones(total.shape, dtype=bool)
-            return Membership(total / self.level, np.full(total.shape, Place.ELLIPSOID.value), one, inside)
+        if all_of(total <= self.level):  # E lies in D: nothing more to compute
+            return Membership(total / self.level, *_all_inside(total.shape))
         finite = np.isfinite(total)
         scale = self._scale(lateral, upright)
         lifted = self._scale(np.maximum(lateral, self.floor), np.maximum(upright, self.floor)) if self.floor else scale
@@ -154,8 +160,8 @@ class Sets:
     def level_and_kappa(self, state: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return level and kappa of N states, (N,) each, as `classify` does, without asking for the guarantee."""
         lateral, upright, total = self._finite_levels(state)
-        if np.count_nonzero(total <= self.level) == total.size:
-            return total / self.level, np.ones(total.shape)
+        if all_of(total <= self.level):
+            return total / self.level, _all_inside(total.shape)[1]
         return total / self.level, np.isfinite(total) / np.maximum(self._scale(lateral, upright), 1.0)
 
     def _finite_levels(self, state: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -163,7 +169,7 @@ class Sets:
         lateral, upright = self.levels(state)
         total = lateral + upright
         finite = np.isfinite(total)
-        if np.count_nonzero(finite) == finite.size:
+        if all_of(finite):
             return lateral, upright, total
         return np.where(finite, lateral, 0.0), np.where(finite, upright, 0.0), np.where(finite, total, np.inf)
 

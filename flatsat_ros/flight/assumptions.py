@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import FloatArray, all_of, any_of
 from flatsat_ros.certificate.flight import Axis, Flight
 from flatsat_ros.certificate.flight_loop import FlightLoop
 from flatsat_ros.flight.known import known
@@ -257,7 +257,7 @@ class Monitors:
         """
         failing = over.any(axis=1)
         anew = failing | ~flying
-        if np.count_nonzero(anew):
+        if any_of(anew):
             back = np.zeros(self._count)  # time in which the start is forgotten, s
             for part, way in enumerate(self._back):
                 start = way.position * sizes[:, 0, part] + way.position_velocity * sizes[:, 1, part]
@@ -318,7 +318,7 @@ class Monitors:
 
 def _all(holds: np.ndarray) -> bool:
     """Whether all of an array holds; on few entries faster than all()."""
-    return bool(np.count_nonzero(holds) == holds.size)
+    return all_of(holds)
 
 
 def _settling(axis: Axis) -> float:

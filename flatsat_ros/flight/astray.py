@@ -7,7 +7,7 @@ from collections import deque
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import FloatArray, all_of, any_of
 
 # Motion against command is judged by changes of the velocity over this time, s, forgetting them with the second one, s,
 # once commands have changed it by so much, (m/s)^2 s.
@@ -87,7 +87,7 @@ class AstrayDetector:
         self._commanded.append(self._commanded[-1] + push)
         self._judged = np.where(judged, self._judged + self._period, 0.0)
         early = self._judged < len(self._velocities) * self._period
-        if np.count_nonzero(early) == early.size:
+        if all_of(early):
             self._sums[:], self._common[:], self._wrong[:] = 0.0, 0.0, 0.0
             return np.zeros(early.size, dtype=bool)
         sin, cos = np.sin(yaw), np.cos(yaw)
@@ -101,9 +101,9 @@ class AstrayDetector:
         if self._turns:
             self._common *= 1.0 - self._period / _FORGOTTEN
             self._common += products[0, 2] + products[1, 3], products[0, 3] - products[1, 2]
-        if np.count_nonzero(early):
+        if any_of(early):
             self._sums[..., early] = self._common[:, early] = 0.0
-        if not np.count_nonzero(self._sums[0, 0] + self._sums[1, 1] > _JUDGED):
+        if not any_of(self._sums[0, 0] + self._sums[1, 1] > _JUDGED):
             self._wrong[:] = 0.0
             return np.zeros(early.size, dtype=bool)
         size, along, total, across = self._compared()

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import FloatArray, any_of
 
 # A landing drone is carried when it is commanded to accelerate downward by this much, m/s^2, in the mean and stays
 # within so little height, m, for this long, s: in free air it would be three times as far down.
@@ -77,7 +77,7 @@ class TouchDownDetector:
             landing: (N,) who lands.
         """
         elapsed, self._last = max(now - self._last, 0.0), now
-        if not np.count_nonzero(landing):
+        if not any_of(landing):
             self._since[:] = np.inf
             return np.zeros(landing.size, dtype=bool)
         steady = landing & np.isfinite(self._since) & (np.abs(height - self._height) < _STEADY)
@@ -111,13 +111,13 @@ class LiftOffDetector:
         self._held_since = np.full(count, np.inf)
         self._enough_since = np.full(count, np.inf)
         self._last = np.inf  # s, of the last look
-        self._unseen = np.zeros((count, 2))  # rise, m, and climb rate, m/s, of each if its thrust is what is asked for
+        self._unseen = np.zeros((2, count))  # rise, m, and climb rate, m/s, of each if its thrust is what is asked for
 
     def begin(self, index: int, place: FloatArray) -> None:
         """Watch drone index, which stands at a place (3,), m, and is about to take off."""
         self.standing = self.standing.copy()
         self.standing[index], self._place[index], self._held_since[index] = True, place, np.inf
-        self._enough_since[index], self._unseen[index] = np.inf, 0.0
+        self._enough_since[index], self._unseen[:, index] = np.inf, 0.0
 
     def risen(self, index: int, place: FloatArray) -> float:
         """Return how high drone index, which is seen at a place (3,), m, is if all its way led upward, m."""
@@ -134,7 +134,7 @@ class LiftOffDetector:
 
     def unseen(self, index: int) -> tuple[float, float]:
         """Return how high, m, and how fast, m/s, drone index is by now if its poses do not show that it climbs."""
-        rise, climb = self._unseen[index].tolist()
+        rise, climb = self._unseen[:, index].tolist()
         return rise, climb
 
     def held(
@@ -151,7 +151,7 @@ class LiftOffDetector:
             flying: (N,) who is steered.
         """
         elapsed, self._last = max(now - self._last, 0.0), now
-        if not np.count_nonzero(self.standing):
+        if not any_of(self.standing):
             self.slid = self.sunk = self.standing
             return np.zeros(flying.size, dtype=bool)
         way = place - self._place
@@ -161,13 +161,20 @@ class LiftOffDetector:
         self.slid = flying & self.standing & (np.hypot(moved[:, 0], moved[:, 1]) > _SLID)
         waiting = flying & self.standing & (upward >= _CLIMB)
         self._held_since = np.where(waiting, np.minimum(self._held_since, now), np.inf)
+        held = now - self._held_since >= self._patience
         share = (upward + gravity) / (gravity * scale)
-        rise, climb = self._unseen[:, 0], self._unseen[:, 1]
-        climb = np.where(flying & self.standing, np.maximum(climb + elapsed * gravity * (share - 1.0), 0.0), 0.0)
-        self._unseen = np.stack([rise + elapsed * climb, climb], axis=1)
-        enough = flying & self.standing & (share >= self._enough) & (moved[:, 2] < _ENOUGH_RISE)
+        rise, climb = self._unseen
+        climb += elapsed * gravity * (share - 1.0)
+        np.maximum(climb, 0.0, out=climb)
+        climb *= flying & self.standing
+        rise += elapsed * climb
+        strong = share >= self._enough
+        if not any_of(strong):
+            self._enough_since[:] = np.inf
+            return np.asarray(held)
+        enough = flying & self.standing & strong & (moved[:, 2] < _ENOUGH_RISE)
         self._enough_since = np.where(enough, np.minimum(self._enough_since, now), np.inf)
-        return np.asarray((now - self._held_since >= self._patience) | (now - self._enough_since >= _ENOUGH_TIME))
+        return np.asarray(held | (now - self._enough_since >= _ENOUGH_TIME))
 
 
 class FallDetector:
@@ -190,12 +197,12 @@ class FallDetector:
             height: (N,) above the ground on which each stood last, m; infinite for those that are not judged.
         """
         sinking, low = state[:, 5] < -_FALLING_SPEED, np.abs(height) < _NEAR_GROUND
-        if not np.count_nonzero(sinking) + np.count_nonzero(low):
+        if not (any_of(sinking) or any_of(low)):
             self._since[:] = np.inf
             return sinking
         falling = sinking & np.isfinite(height) & (disturbance < -_FALLING_DISTURBANCE)
         lying = low & (upward > _UPWARD)
-        if not np.count_nonzero(lying):
+        if not any_of(lying):
             self._since[:] = np.inf
             return np.asarray(falling)
         moved = ~(np.abs(state[:, :3] - self._place).max(axis=1) < _STILL)
@@ -256,7 +263,7 @@ class TiltLimitDetector:
         tilted = steered & (size >= _SWINGING_SHARE * most) & (size > 0.0)
         self._swings *= math.exp(max(self._last - now, -_SWINGING_TIME) / _SWINGING_TIME)
         self._last = now
-        if not np.count_nonzero(limited) + np.count_nonzero(tilted):
+        if not (any_of(limited) or any_of(tilted)):
             self._since[:] = self._opposed_since[:] = np.inf
             return limited, limited, limited
         direction = correction / np.where(tilted, size, 1.0)[:, np.newaxis]
@@ -301,7 +308,7 @@ class BobbingDetector:
             steered: (N,) who is in the air and steered.
         """
         large = steered & (np.abs(correction) >= _BOBBING)
-        if not np.count_nonzero(large):
+        if not any_of(large):
             return large
         self._swings *= math.exp(min(self._last - now, 0.0) / _SWINGING_TIME)
         self._last = now

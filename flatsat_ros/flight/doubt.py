@@ -18,7 +18,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from flatsat_ros.base.arrays import BoolArray, FloatArray
+from flatsat_ros.base.arrays import BoolArray, FloatArray, any_of
 from flatsat_ros.certificate.flight import Flight
 
 # k_p, 1/s^2, and k_v, 1/s
@@ -76,7 +76,7 @@ class Doubt:
     def of(self, now: float) -> BoolArray:
         """Return the doubts, (N, 2), horizontal and vertical, at time now, s."""
         doubts = np.asarray(now < self._until)
-        self.any = bool(np.count_nonzero(doubts))
+        self.any = any_of(doubts)
         return doubts
 
     def look(self, now: float, flying: np.ndarray, age: FloatArray, innovation: FloatArray) -> None:
@@ -94,7 +94,7 @@ class Doubt:
         self._until[longer, 0] = np.maximum(self._until[longer, 0], now + _CALM)
         beyond[:, 1] &= now >= self._lifted  # by then its thrust has been learnt
         strange = flying & ((age > _OLD) | beyond.any(axis=1))
-        if not np.count_nonzero(strange):
+        if not any_of(strange):
             return
         ended = self._until[:, 1]
         new = strange & (now >= ended)
@@ -121,7 +121,7 @@ class Doubt:
             lately: returns the mean over the last second, (N, 3), from which on it is followed; vertically from 0.
             disturbance: (N, 3) estimated.
         """
-        if np.count_nonzero(self._new):
+        if any_of(self._new):
             self._followed[self._new] = lately()[self._new]
             self._followed[self._new, 2] = 0.0  # what lasts has been learnt of the thrust
             self._new[:] = False

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import FloatArray, all_of, any_of
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.sets import Place
 
@@ -59,13 +59,13 @@ class GuaranteeMonitor:
         """
         state = np.concatenate([error, self._hidden], axis=1) if self._hidden.size else error
         shrunk = np.minimum(1.0, margin / self._radius) ** 2
-        if not np.count_nonzero(fixed):
+        if not any_of(fixed):
             level, kappa = self._sets.level_and_kappa(state)
             relative = level / shrunk
             return Assessment(relative, np.where(relative <= 1.0, _ELLIPSOID, _OUTSIDE), kappa, fixed)
         membership = self._sets.classify(state)
         relative, place = membership.level / shrunk, membership.place
-        if np.count_nonzero(fixed) < fixed.size:
+        if not all_of(fixed):
             place = np.where(fixed, place, np.where(relative <= 1.0, _ELLIPSOID, _OUTSIDE))
         return Assessment(relative, place, membership.kappa, membership.guaranteed & fixed)
 

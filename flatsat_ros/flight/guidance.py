@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.arrays import FloatArray, any_of, finite_array
 from flatsat_ros.base.errors import refusal
 from flatsat_ros.certificate.flight import Flight
 from flatsat_ros.flight.path import path_to
@@ -241,7 +241,7 @@ class Guidance:
         """
         place = state[:, :3]
         low, high = place < self._lowest, place > self._highest
-        if not np.count_nonzero(low | high):
+        if not any_of(low | high):
             return []
         found = []
         for index, axis in np.argwhere((low | high) & ~self.landing[:, np.newaxis]):
@@ -267,13 +267,13 @@ class Guidance:
             full: (N,) whose thrust was at its limit at the last tick.
         """
         low = self.near_ground(state)
-        if not np.count_nonzero(low) + np.count_nonzero(full) + np.count_nonzero(self._waiting):
+        if not (any_of(low) or any_of(full) or any_of(self._waiting)):
             return
         error = reference[:, 2] - state[:, 2]
         hangs = np.where(self._waiting, error > _HANGS_NO_MORE, (error > _HANGS) & full)
         wait = flying & ~self.landing & (low | hangs)
         changed = (wait != self._waiting) & flying
-        if not np.count_nonzero(changed):
+        if not any_of(changed):
             return
         for index in np.flatnonzero(changed):
             self._waiting[index] = wait[index]

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import FloatArray, all_of, any_of
 from flatsat_ros.certificate.flight import Axis
 from flatsat_ros.certificate.flight_cell import Box
 
@@ -88,10 +88,10 @@ class Lateness:
         kept[2, place] = seen.reference[:, 6:8]
         if self._drag > 0.0:
             kept[3, place] = seen.error[:, 3:5] + seen.reference[:, 3:5]
-        if np.count_nonzero(steady) < self._count:
+        if not all_of(steady):
             kept[:, place, ~steady] = 0.0
             ends = self._steady & ~steady
-            if np.count_nonzero(ends):
+            if any_of(ends):
                 for array in (kept, self._states):
                     array[:, :, ends] = 0.0
                 self._sums[:, :, ends], self._before[:, ends] = 0.0, 0.0
@@ -100,7 +100,7 @@ class Lateness:
         if self._ticks % self._length:
             return False
         self._take()
-        if not np.count_nonzero(steady):
+        if not any_of(steady):
             return False
         self._fit()
         return True

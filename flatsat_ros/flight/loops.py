@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import FloatArray, all_of, any_of
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight import Flight
 from flatsat_ros.certificate.sets import Place
@@ -143,7 +143,7 @@ class DirectLoop(Loop):
         fixed = self._references.at_rest & (spent == 0.0)
         assessment = self._monitor.assess(output.error, margin, fixed)
         base = self._base[:, 6:]
-        if np.count_nonzero(flying) < flying.size:
+        if not all_of(flying):
             base = np.where(flying[:, np.newaxis], base, 0.0)
         self._monitor.follow(acceleration - base)
         return assessment
@@ -183,8 +183,8 @@ class PredictedLoop(Loop):
     def aim(self, now: float, estimated: FloatArray, reference: FloatArray, drones: Steered) -> Aim:
         """Predict from the model; where a drone is not in the air, or not where the model is, that begins anew."""
         predictor, flying, level = self._predictor, drones.flying, drones.level
-        self._steady = np.count_nonzero(flying) == flying.size
-        if np.count_nonzero(self._monitors.lost) or not self._steady:
+        self._steady = all_of(flying)
+        if any_of(self._monitors.lost) or not self._steady:
             predictor.restart(~(flying | level) | self._monitors.lost, estimated, now)
         self._now, self._reference = now, reference
         state, push = predictor.state, predictor.disturbance
@@ -211,7 +211,7 @@ class PredictedLoop(Loop):
         """Find whose loop is not the proved one; tell whether there are any."""
         doubt, monitors = self._doubt, self._monitors
         if not monitors.quiet:
-            if np.count_nonzero(drones.grounded):
+            if any_of(drones.grounded):
                 doubt.wait(now, drones.grounded)
             airborne = (drones.flying | drones.level) & ~drones.grounded
             doubt.look(now, airborne, self._predictor.age, _sizes(self._predictor.innovation))
@@ -268,8 +268,8 @@ class PredictedLoop(Loop):
 def _shortened(estimate: FloatArray, most: FloatArray, flying: np.ndarray) -> tuple[FloatArray, FloatArray]:
     """Return disturbances (N, 3), m/s^2, shortened to what may be compensated, and their sizes; 0 if not steered."""
     size = np.sqrt((estimate * estimate) @ _SUM)
-    steady = np.count_nonzero(flying) == flying.size
-    if steady and not np.count_nonzero(size > most):
+    steady = all_of(flying)
+    if steady and not any_of(size > most):
         return np.array(estimate), size
     spent = np.minimum(size, most)
     if not steady:

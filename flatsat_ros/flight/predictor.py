@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import FloatArray, all_of
 from flatsat_ros.certificate.flight_loop import FlightLoop
 from flatsat_ros.certificate.flight_plant import Design, split
 
@@ -152,7 +152,7 @@ class Predictor:
         self.age = now - stamps
         used = fresh | ((self.age <= self._pose_age) & (self._stamp >= self._since))
         innovation = self._anchor - self._corrections
-        if np.count_nonzero(used) < used.size:
+        if not all_of(used):
             innovation = np.where(used[:, np.newaxis], innovation, 0.0)
         self.innovation = innovation
         moving, disturbing = self._observer

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import FloatArray, all_of
 from flatsat_ros.certificate.flight import Flight
 from flatsat_ros.certificate.flight_plant import Design
 from flatsat_ros.certificate.lyapunov import bernstein_coefficients
@@ -43,7 +43,7 @@ class Preview:
         """Return f (N, 3), m/s^2, of the commands at now, s."""
         references = self._references
         f = np.zeros((len(references.at_rest), 3))
-        if np.count_nonzero(references.at_rest) == references.at_rest.size:
+        if all_of(references.at_rest):
             return f
         for axes, cursor, ahead, needed in self._parts:
             references.seek(cursor, now + ahead)

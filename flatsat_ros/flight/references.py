@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import FloatArray, all_of
 from flatsat_ros.flight.trajectory import SIZE, Trajectory, evaluate, jerks
 
 _NOBODY = np.zeros(0, dtype=int)
@@ -95,7 +95,7 @@ class References:
             self.margin[index] = self._margin_at_rest if rests else self._margin_on_way[index]
             if rests:
                 self.demand[index] = 0.0
-        if np.count_nonzero(self.at_rest) == self.at_rest.size:
+        if all_of(self.at_rest):
             return self._resting.copy()
         return evaluate(self._present.coefficients, t - self._present.origin)
 

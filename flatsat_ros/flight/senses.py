@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import FloatArray, all_of, any_of
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.flight.astray import AstrayDetector
 from flatsat_ros.flight.braking import Braking
@@ -24,7 +24,6 @@ from flatsat_ros.flight.supervisor import Sight
 from flatsat_ros.flight.thrust import ThrustScale
 from flatsat_ros.flight.unmoved import DOUBTFUL, STILL, UnmovedDetector
 
-_FLY = Mode.FLY.value
 # the detectors look so often, s: they judge by what lasts for tenths of a second
 _LOOK = 0.05
 # a yaw that is learnt from motion follows it with this time constant, s; if a drone is astray again so soon, s, after
@@ -74,6 +73,7 @@ class Senses:
         thrust: scales of the thrust.
         descent: of drones without poses.
         braking: of drones that sink because they do not move as commanded.
+        grounded: (N,) who was unlocked on the ground and has not left it yet.
     """
 
     def __init__(self, certificate: Certificate, policy: Policy, count: int) -> None:
@@ -104,6 +104,7 @@ class Senses:
         self._reports: list[tuple[int, str]] = []
         self._lift = np.zeros(count)  # what lifts each beside its thrust, m/s^2, without gusts
         self._unlocked = np.zeros(count, dtype=bool)  # it stood on the ground when its flight began
+        self.grounded = self._unlocked & self._lift_off.standing
         self._assumed: np.ndarray | None = None  # (N,) whose yaw is assumed, as nobody sees it
         self._turns = np.zeros(count)  # corrections of yaws that are learnt from motion, rad, not yet made
         self._settling = np.zeros(count)  # s, until the yaw may be found wrong again
@@ -111,6 +112,7 @@ class Senses:
         self._up = np.zeros((count, 3))  # of those, the direction in which they have left the ground
         self._gone_astray = np.zeros(count, dtype=bool)  # until it is down
         self._returning = np.zeros(count)  # s, until the velocity is known well after poses were missed
+        self._gaps = False  # somebody's poses are missing, or come again
         self._missing = np.zeros(count)  # s, for how long there has been no new pose
         self._stands = np.zeros(count, dtype=bool)  # it sinks, and its poses stand still
         self._held = np.zeros(count, dtype=bool)  # it was not seen to take off, until its motors stop
@@ -131,7 +133,7 @@ class Senses:
             usable: (N,) who has one.
         """
         climbs = np.clip(_CLIMBS_NOT * velocity[:, 2], 0.0, _CLIMBS_NOT_MOST)
-        if np.count_nonzero(self._misled):
+        if any_of(self._misled):
             sinks = -(velocity * self._up).sum(axis=1) - _SINKS_BEYOND
             climbs = np.where(self._misled, -np.clip(_SINKS * sinks, 0.0, _SINKS_MOST), climbs)
         return self.descent.thrust(now) - np.where(usable, climbs, 0.0)
@@ -143,7 +145,7 @@ class Senses:
         self._limit.set_clock_back(now)
 
     def look(
-        self, now: float, estimated: FloatArray, usable: np.ndarray, mode: np.ndarray, guidance: Guidance
+        self, now: float, estimated: FloatArray, usable: np.ndarray, steered: np.ndarray, guidance: Guidance
     ) -> Sight:
         """Return what the supervisor needs to know.
 
@@ -151,18 +153,19 @@ class Senses:
             now: s.
             estimated: (N, 9) position, velocity, disturbance: m, m/s, m/s^2.
             usable: (N,) whose estimate can be flown on.
-            mode: (N,) values of `Mode` until now.
+            steered: (N,) who is steered until now.
             guidance: who lands, and the ground below each.
         """
         if self._sight is not None and not self.due:
             return self._sight._replace(height=estimated[:, 2], usable=usable)
         state, disturbance = estimated[:, :6], estimated[:, 6:]
         upward = self._acceleration[:, 2]
-        flying = (mode == _FLY) & usable
+        flying = steered & usable
         scale = self.thrust.scale
         self._held = self._held | self._lift_off.held(now, state[:, :3], upward, scale, self._gravity, flying)
         self._judge_lift_off(state)
         standing = self._lift_off.standing
+        self.grounded = self._unlocked & standing
         height = np.where(flying & ~standing, state[:, 2] - guidance.ground, np.inf)
         aloft = usable & ~self._misled & (state[:, 2] - guidance.ground > _NEAR_GROUND)
         self._sight = Sight(
@@ -183,7 +186,7 @@ class Senses:
         # one that was unlocked in somebody's hand may well sink
         sunk = self._lift_off.sunk & self._unlocked & (state[:, 2] < self._low - LIFTED_OFF)
         anew = (slid | sunk) & ~self._gone_astray
-        if not np.count_nonzero(anew):
+        if not any_of(anew):
             return
         for index in map(int, np.flatnonzero(anew)):
             depth = self._lift_off.risen(index, state[index, :3]) - state[index, 2]
@@ -196,7 +199,7 @@ class Senses:
         """Take those for astray that are watched, (N,), and seen to stand still, (N,) m off, see `flight.unmoved`."""
         unmoved = self._unmoved.look(estimated, self._push[:, 2], error, watched, self.thrust.settled)
         anew = unmoved & ~self._gone_astray
-        if not np.count_nonzero(anew):
+        if not any_of(anew):
             return
         for index in map(int, np.flatnonzero(anew)):
             self._reports.append((index, _UNMOVED.format(STILL, float(self._unmoved.way[index]))))
@@ -235,13 +238,19 @@ class Senses:
         standing = self._lift_off.standing
         high = flying & (estimated[:, 2] >= self._low)
         free = high & ~standing
-        low = self._lift_off.rise(estimated) < _LIFTING_RISE
-        lifting = flying & standing & (acceleration[:, 2] >= _LIFTING) & low
-        self._judge_still(estimated, error[:, 2], free & ~landing & (self._returning <= 0.0))
+        lifting = standing
+        if any_of(standing):
+            low = self._lift_off.rise(estimated) < _LIFTING_RISE
+            lifting = flying & standing & (acceleration[:, 2] >= _LIFTING) & low
+        watched = free & ~landing
+        if self._gaps:
+            watched &= self._returning <= 0.0
+        self._judge_still(estimated, error[:, 2], watched)
         new = np.ones(len(yaw), dtype=bool) if newest is None else newest != self._taken
-        if np.count_nonzero(new) < new.size or np.count_nonzero(self._missing + self._returning):
+        if self._gaps or not all_of(new):
             self._missing = np.where(new, 0.0, self._missing + self._period)
             self._returning = np.maximum(self._returning - self._period, _RETURNS * (self._missing >= _MISSED))
+            self._gaps = bool(np.count_nonzero(self._missing + self._returning))
         certain = np.abs(self._unmoved.way) < DOUBTFUL
         learning = flying & ~(standing & self._unlocked) & (high | ~landing) & certain
         span: float | FloatArray = self._period
@@ -260,10 +269,10 @@ class Senses:
         astray = self._astray.astray(self._push[:, :2], velocity, yaw, judged, assumed)
         if assumed is not None:
             self._tell_turns(astray & assumed & ~self._gone_astray)
-        elif unseen is not None and np.count_nonzero(unseen):
+        elif unseen is not None and any_of(unseen):
             astray = self._learn_yaw(astray, unseen & judged)
         self._gone_astray = self._gone_astray | astray
-        if np.count_nonzero(self.braking.active):
+        if any_of(self.braking.active):
             for index in map(int, np.flatnonzero(self.braking.active)):
                 self.braking.learn(index, self._astray.answer(index))
         self._lift += (self._period / _LIFT_TIME) * np.where(high & certain, disturbance[:, 2] - self._lift, 0.0)
@@ -285,7 +294,7 @@ class Senses:
 
     def _tell_turns(self, astray: np.ndarray) -> None:
         """Tell by how much the assumed yaw of drones (N,) is wrong that go astray, if it is that."""
-        if not np.count_nonzero(astray):
+        if not any_of(astray):
             return
         angle = self._astray.turns()
         for index in map(int, np.flatnonzero(astray & (np.abs(angle) > 0.0))):
@@ -321,7 +330,7 @@ class Senses:
             now, self._acceleration, correction[:, :2], push, error[:, :2], self._free, landing, self._assumed
         )
         bobbing = self._bobbing.look(now, correction[:, 2], self._free)
-        if not np.count_nonzero(blown | swinging | opposed | bobbing | self._blown):
+        if not any_of(blown | swinging | opposed | bobbing | self._blown):
             return []
         for index in map(int, np.flatnonzero(blown & ~self._blown)):
             self._reports.append((index, _BLOWN.format(float(np.hypot(*error[index, :2])))))
@@ -349,11 +358,6 @@ class Senses:
     def looked(self) -> bool:
         """Whether the detectors looked at the last tick."""
         return self._ticks % self._every == 0
-
-    @property
-    def grounded(self) -> np.ndarray:
-        """(N,) who was unlocked on the ground and has not left it yet."""
-        return np.asarray(self._unlocked & self._lift_off.standing)
 
     @property
     def _low(self) -> float:
@@ -401,7 +405,7 @@ class Senses:
             under_way = self._late * float(np.hypot(*self._acceleration[index, :2]))
             self.braking.begin(index, answer, estimated[3:5], under_way)
         if after is Mode.FLY and before in AIRBORNE:
-            self._returning[index] = _RETURNS
+            self._returning[index], self._gaps = _RETURNS, True
         if after in (Mode.CUT, Mode.REST, Mode.FALLEN, Mode.IDLE):
             self._gone_astray[index] = self._blown[index] = self.braking.active[index] = False
             self._misled[index] = self._stands[index] = False
@@ -414,5 +418,6 @@ class Senses:
         if after is Mode.UNLOCK or (after is Mode.FLY and before not in AIRBORNE):
             self._lift_off.begin(index, estimated[:3])
             self._unlocked[index] = after is Mode.UNLOCK or before is Mode.UNLOCK
+            self.grounded = self._unlocked & self._lift_off.standing
             return height if after is Mode.UNLOCK or height < self._low else None
         return None

@@ -6,7 +6,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import FloatArray, all_of, any_of
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.law.controller import Controller, Memory, Output
 from flatsat_ros.law.gain import Tuning
@@ -56,13 +56,13 @@ class Steering:
         """
         tuning = self._controller.tuning
         memory, output = self._controller.step(self.memory, state, yaw, base)
-        if np.count_nonzero(self._restarts):
+        if any_of(self._restarts):
             anew = self._restarts & flying & tuning.restart & (output.lyapunov > tuning.threshold)
             if anew.any():
                 self.memory = Memory(np.where(anew, tuning.gain_initial, self.memory.gain))
                 memory, output = self._controller.step(self.memory, state, yaw, base)
             self._restarts &= ~flying
-        if np.count_nonzero(adapting) < adapting.size:
+        if not all_of(adapting):
             memory = Memory(np.where(adapting, memory.gain, self.memory.gain))
         self.memory = memory
         return output

@@ -7,10 +7,10 @@ from time import perf_counter
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import FloatArray, all_of, any_of
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.flight.loops import Steered
-from flatsat_ros.flight.modes import AIRBORNE, Mode, Transition
+from flatsat_ros.flight.modes import Mode, Transition
 from flatsat_ros.flight.parts import Parts
 from flatsat_ros.flight.policy import GoalMode, Policy
 from flatsat_ros.flight.tick import Report, Tick
@@ -21,9 +21,6 @@ from flatsat_ros.law.flatness import input_from_acceleration
 _FULL = 0.98
 # s: after so long without a tick that is told; the firmware takes set-points for lost after 0.5 s
 _PAUSE = 0.2
-
-_FLY, _LEVEL, _DESCEND = (mode.value for mode in AIRBORNE)  # numpy compares with these ten times faster
-_GROUNDED = np.array([mode not in AIRBORNE for mode in Mode])  # of each mode
 
 
 class ControlStep:
@@ -56,32 +53,32 @@ class ControlStep:
         parts = self._parts
         parts.supervisor.request(index, patient=patient)
         parts.steering.note_reference(index)
-        if parts.supervisor.mode[index] == _FLY:
+        if parts.supervisor.flying[index]:
             parts.guidance.replan(index, self.now)
 
     def tick(self, now: float) -> Tick:
         """Compute all commands at time now, s; called once per period of the certificate."""
         begin, parts = perf_counter(), self._parts
-        estimator, guidance, senses, mode = parts.estimator, parts.guidance, parts.senses, parts.supervisor.mode
+        estimator, guidance, senses, supervisor = parts.estimator, parts.guidance, parts.senses, parts.supervisor
         if now < self.now:
             estimator.restart()
-            parts.supervisor.set_clock_back(now)
+            supervisor.set_clock_back(now)
             senses.set_clock_back(now)
             parts.traffic.set_clock_back()
         elif now - self.now > _PAUSE:
             self.reports += self._paused(now - self.now)
         self.now = now
         for index, reason in parts.clearance.barred():
-            if parts.supervisor.call_off(index):
+            if supervisor.call_off(index):
                 self.reports.append(Report(index, f"its take-off is called off: {reason}"))
         estimated = parts.loop.estimate(now, senses.due)
         state, estimate = estimated[:, :6], estimated[:, 6:]
         self.state = state
         usable = self.usable = estimator.usable(now, self._policy.pose_timeout)
-        grounded = _GROUNDED[mode]
-        ready = usable & ~(grounded & parts.orientations.unready_all()) if np.count_nonzero(grounded) else usable
-        sight = senses.look(now, estimated, ready, mode, guidance)
-        transitions = parts.supervisor.advance(now, sight)
+        airborne = supervisor.flying | supervisor.level
+        ready = usable if all_of(airborne) else usable & (airborne | ~parts.orientations.unready_all())
+        sight = senses.look(now, estimated, ready, supervisor.flying, guidance)
+        transitions = supervisor.advance(now, sight)
         parts.traffic.note(now, state, usable)
         if transitions:
             self._take(transitions, estimated)
@@ -89,7 +86,7 @@ class ControlStep:
             for index in parts.traffic.look():
                 self.begin(index, patient=True)
             self.reports += parts.traffic.reports()
-        flying = mode == _FLY
+        flying, level, grounded = supervisor.flying, supervisor.level, senses.grounded
         references = guidance.references
         reference = references.sample(now)
         guidance.update(now, state, reference, flying, self._full)
@@ -97,15 +94,14 @@ class ControlStep:
             if flying[index]:
                 guidance.land(index, now)
                 self.reports.append(Report(index, f"{text}: it brakes and lands"))
-        level = (mode == _LEVEL) | (mode == _DESCEND)
-        aim = parts.loop.aim(now, estimated, reference, Steered(flying, level, senses.grounded))
+        aim = parts.loop.aim(now, estimated, reference, Steered(flying, level, grounded))
         hurried = senses.thrust.hurried
         adapting = flying if hurried is None else flying & ~hurried
         output = parts.steering.step(aim.state, estimator.yaw, aim.base, flying, adapting)
         error = output.error if aim.error is None else aim.error
         turned, kept = flying, level
         unseen = parts.orientations.unseen(now)
-        if np.count_nonzero(unseen):
+        if any_of(unseen):
             turned, kept = flying & ~unseen, level | (flying & unseen)
             for index in parts.orientations.patience_ends(now, flying):
                 guidance.land(index, now)
@@ -113,7 +109,7 @@ class ControlStep:
         yaw_rate = parts.yaw.turn(estimator.yaw, references.yaw, turned, kept)
         command, acceleration = self._command(now, output, flying, level)
         commanded = acceleration  # as far as the yaw is right
-        if np.count_nonzero(senses.braking.active):
+        if any_of(senses.braking.active):
             commanded = self._brake(command, acceleration, level & usable)
 
         assessment = parts.loop.assess(output, acceleration, flying)
@@ -130,22 +126,21 @@ class ControlStep:
                 if flying[index]:
                     guidance.land(index, now, state[index, :3])
         # on the ground nothing is claimed, before a flight and at its end
-        claimed = flying & ~senses.grounded & ~guidance.landing
-        watched = claimed
-        if np.count_nonzero(guidance.landing):
-            watched = flying & ~senses.grounded & ~(guidance.landing & guidance.near_ground(state))
+        watched = flying & ~grounded
+        if any_of(guidance.landing):
+            watched &= ~(guidance.landing & guidance.near_ground(state))
         for index in parts.loop.astray():
-            if claimed[index]:
+            if watched[index] and not guidance.landing[index]:
                 guidance.land(index, now)
                 self.reports.append(Report(index, f"{parts.loop.unclaimed(index)}: it brakes and lands"))
         self._full = command[:, 0] >= _FULL * self._certificate.limits.thrust_max
         changing = bool(transitions) or senses.looked
-        aloft = level | (flying & ~senses.grounded) if changing else None
+        aloft = level | (flying & ~grounded) if changing else None
         estimator.command(now, acceleration, free, aloft)
         told = senses.reports() + estimator.complaints() + parts.loop.reports(watched)
         reports, self.reports = self.reports + [Report(*entry) for entry in told], []
         return Tick(
-            mode=mode.copy(),
+            mode=supervisor.mode.copy(),
             input=command,
             yaw_rate=yaw_rate,
             yaw=parts.yaw.heading,
@@ -163,11 +158,8 @@ class ControlStep:
     def _paused(self, seconds: float) -> list[Report]:
         """Return what is told of the drones in the air when there was no tick for some time, s."""
         text = f"no tick for {seconds:.2f} s: the controller or its machine stood still, and no commands were sent"
-        return (
-            []
-            if seconds == np.inf
-            else [Report(int(i), text) for i in np.flatnonzero(~_GROUNDED[self._parts.supervisor.mode])]
-        )
+        airborne = self._parts.supervisor.flying | self._parts.supervisor.level
+        return [] if seconds == np.inf else [Report(int(index), text) for index in np.flatnonzero(airborne)]
 
     def _take(self, transitions: Sequence[Transition], estimated: FloatArray) -> None:
         """Let the parts know of the drones that changed their mode."""
@@ -204,12 +196,12 @@ class ControlStep:
         self, now: float, output: Output, flying: np.ndarray, level: np.ndarray
     ) -> tuple[FloatArray, FloatArray]:
         """Return input and acceleration of each mode: the law's in FLY, level without position, else zero."""
-        if np.count_nonzero(flying) == flying.size:
+        if all_of(flying):
             return output.input, output.acceleration
         flies = flying[:, np.newaxis]
         command = np.where(flies, output.input, 0.0)
         acceleration = np.where(flies, output.acceleration, 0.0)
-        if np.count_nonzero(level):
+        if any_of(level):
             thrust = self._parts.senses.sinking_thrust(now, self.state[:, 3:], self.usable)
             command[level, 0] = thrust[level]
             acceleration[level, 2] = thrust[level] - self._certificate.limits.gravity

@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import FloatArray, all_of, any_of
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.flight.modes import AIRBORNE, STANDING_HEIGHT, Event, Mode, Situation, Transition, next_mode
 from flatsat_ros.flight.policy import Policy
 
-_FLY = Mode.FLY.value
+_FLY, _LEVEL, _DESCEND = (mode.value for mode in AIRBORNE)  # numpy compares with these ten times faster
 # what a drone flew level without poses counts with its next loss, less this share of the time between them
 _FORGOTTEN = 0.2
 # so many flights begin at one tick: each needs a path, whose computing takes a tenth of a period
@@ -52,6 +52,8 @@ class Supervisor:
 
     Attributes:
         mode: (N,) values of `Mode`.
+        flying: (N,) who is steered.
+        level: (N,) who is in the air without being steered.
         armed: (N,) who may take off; all at first.
         unlocking: (N,) who was armed on the ground and is about to be unlocked.
         requested: (N,) who got a reference since the motors were last stopped.
@@ -60,6 +62,7 @@ class Supervisor:
 
     def __init__(self, policy: Policy, count: int) -> None:
         self.mode = np.full(count, Mode.IDLE.value)
+        self._sort()
         self.armed = np.ones(count, dtype=bool)
         self.unlocking = np.zeros(count, dtype=bool)
         self.linked = np.ones(count, dtype=bool)
@@ -145,6 +148,7 @@ class Supervisor:
         self.require_mode(index, Mode.FLY, purpose="be handed over")
         self._pending.append(Transition(index, Mode.FLY, Mode.IDLE, "handed over"))
         self.mode[index], self.requested[index] = Mode.IDLE.value, False
+        self._sort()
 
     def set_clock_back(self, now: float) -> None:
         """Let no mode last longer because the clock was set back to now, s."""
@@ -160,8 +164,8 @@ class Supervisor:
         """
         made, self._pending = self._pending, []
         events = sight.touched_down, sight.held, sight.fell, sight.astray
-        flies = (self.mode == _FLY) & sight.usable
-        if np.count_nonzero(flies) == flies.size and not any(map(np.count_nonzero, events)):
+        flies = self.flying & sight.usable
+        if all_of(flies) and not any(map(any_of, events)):
             return tuple(made)
         starts = 0
         for index in map(int, np.flatnonzero(~flies | np.any(events, axis=0))):
@@ -195,6 +199,10 @@ class Supervisor:
                 made.append(Transition(index, before, after, event.value))
         return tuple(made)
 
+    def _sort(self) -> None:
+        self.flying = self.mode == _FLY
+        self.level = (self.mode == _LEVEL) | (self.mode == _DESCEND)
+
     def elapsed(self, now: float) -> FloatArray:
         """Return how long each mode has lasted, (N,) s."""
         return now - self._since
@@ -206,6 +214,7 @@ class Supervisor:
         elif after is Mode.LEVEL:
             self._blind[index] = max(0.0, float(self._blind[index]) - _FORGOTTEN * elapsed)
         self.mode[index], self._since[index] = after.value, now
+        self._sort()
         if after in (Mode.CUT, Mode.REST, Mode.FALLEN):
             self.requested[index] = self._rearmed[index] = False
         elif after is Mode.IDLE:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import FloatArray, all_of
 
 # a drone that has not lifted off although commanded upward for this time, s, before and after its thrust was learnt,
 # loses this share of its scale a second
@@ -109,6 +109,6 @@ class ThrustScale:
 
         What was seen for long enough holds for them, too.
         """
-        if np.count_nonzero(steered) == steered.size:
+        if all_of(steered):
             return self.scale
         return np.where(steered | self.settled, self.scale, np.maximum(self.scale, 1.0))

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import FloatArray, any_of
 
 # a height stands still while it stays within so much, m; it is looked at for so long, s, and then anew
 STILL = 0.015
@@ -60,18 +60,24 @@ class UnmovedDetector:
         self._skips = not self._skips
         if self._skips:
             return self._nobody
-        height, climb, disturbance = estimated[:, 2], estimated[:, 5], estimated[:, 8]
-        stands = (np.abs(height - self._height) <= STILL) & watched
-        still = stands & (self._lasted < _WINDOW)
-        self._past = np.where(still, self._past, np.where(stands, [self.way, self._speed], 0.0))
-        self._lasted = np.where(still, self._lasted + self._period, 0.0)
-        self._height = np.where(still, self._height, height)
-        self._balance = np.where(still, self._balance, disturbance)
-        self._speed = np.where(still, self._speed + self._push + self._period * self._balance, climb)
-        self.way = np.where(still, self.way + self._period * self._speed, 0.0)
+        stands = np.abs(estimated[:, 2] - self._height) <= STILL
+        stands &= watched
+        anew = ~(stands & (self._lasted < _WINDOW))
+        if any_of(anew):
+            self._past[:, anew] = np.where(stands[anew], [self.way[anew], self._speed[anew]], 0.0)
+        self._lasted += self._period
+        self._speed += self._push
+        self._speed += self._period * self._balance
+        self.way += self._period * self._speed
+        if any_of(anew):
+            self._height[anew], self._speed[anew] = estimated[anew, 2], estimated[anew, 5]
+            self._balance[anew] = estimated[anew, 8]
+            self._lasted[anew] = self.way[anew] = 0.0
         self._push[:] = 0.0
-        led = np.where(np.abs(error) >= _AWAY, -np.sign(error) * self.way, 0.0)
-        return np.asarray(led >= np.where(settled, *_WAY))
+        away = np.abs(error) >= _AWAY
+        if not any_of(away):
+            return self._nobody
+        return np.asarray(away & (-np.sign(error) * self.way >= np.where(settled, *_WAY)))
 
     def climb(self, index: int) -> tuple[float, float]:
         """Return how far, m, and how fast, m/s, drone index should have climbed since its height stands still."""

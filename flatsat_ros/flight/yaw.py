@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import FloatArray, all_of, any_of
 
 # the rate is in proportion to the error, 1/s, and at most this, rad/s
 _GAIN = 1.5
@@ -35,7 +35,7 @@ class YawControl:
         """
         lead = np.minimum(np.maximum(_wrapped(wanted - yaw), -_LEAD_MAX), _LEAD_MAX)
         rate, heading = _GAIN * lead, _wrapped(yaw + lead)
-        if np.count_nonzero(steered) == steered.size:
+        if all_of(steered):
             self.heading = heading
             return rate
         self.heading = np.where(steered, heading, np.where(kept, self.heading, yaw))
@@ -44,6 +44,6 @@ class YawControl:
 
 def _wrapped(angle: FloatArray) -> FloatArray:
     """Return the same angles in [-pi, pi]."""
-    if not np.count_nonzero(np.abs(angle) > np.pi):
+    if not any_of(np.abs(angle) > np.pi):
         return angle
     return np.asarray(angle - _TURN * np.rint(angle / _TURN))

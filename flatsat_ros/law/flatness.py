@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.arrays import FloatArray, any_of, finite_array
 from flatsat_ros.base.constants import GRAVITY
 
 # Below this fraction of gravity the direction of v + g e3 is rounding noise: the thrust is defined as zero and level.
@@ -57,7 +57,7 @@ def input_from_finite(v: FloatArray, yaw: FloatArray, gravity: float) -> FloatAr
     np.arctan2(h2, forward, out=u[..., 1])
     np.arctan2(h1, h3, out=u[..., 2])
     singular = thrust <= _SINGULAR_THRUST * gravity
-    if np.count_nonzero(singular):
+    if any_of(singular):
         u[singular] = 0.0
     return u
 

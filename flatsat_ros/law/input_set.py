@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flatsat_ros.base.arrays import FloatArray, finite_array
+from flatsat_ros.base.arrays import FloatArray, any_of, finite_array
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import (
     LARGEST,
@@ -187,7 +187,7 @@ class InputSet:
         left = np.minimum(
             self.thrust_max - np.hypot(radius, up), np.minimum(self._slope * up - radius, up - self.thrust_min)
         )
-        if np.count_nonzero(left < -_ROUNDING * self.thrust_max):
+        if any_of(left < -_ROUNDING * self.thrust_max):
             worst = base.reshape(-1, 3)[int(np.argmin(left))]
             outside = -float(self.margin(worst))
             raise refusal("base", worst.tolist(), "m/s^2", f"inside the input set, it is {outside:.6g} m/s^2 outside")
@@ -212,9 +212,9 @@ class InputSet:
             return np.minimum(most, self.exit_factor_of_finite(base, v))
         # V_c is convex: a limit that both ends keep is kept between them
         radius, up = np.hypot(end[..., 0], end[..., 1]), end[..., 2] + self.gravity
-        sphere = bool(np.count_nonzero(np.hypot(radius, up) > self.thrust_max))
-        cone = bool(np.count_nonzero(radius > self._slope * up))
-        plane = bool(np.count_nonzero(up < self.thrust_min))
+        sphere = any_of(np.hypot(radius, up) > self.thrust_max)
+        cone = any_of(radius > self._slope * up)
+        plane = any_of(up < self.thrust_min)
         if not (sphere or cone or plane):
             return most
         return most / np.maximum(self._exits(base, way, Limits(sphere, cone, plane)), 1.0)

@@ -177,7 +177,7 @@ def test_who_went_aside_instead_of_up_sinks_more_slowly_by_what_is_seen_of_that(
         senses.enter(index, Mode.IDLE, Mode.UNLOCK, np.zeros(9), 0.0, guidance)
         senses.enter(index, Mode.UNLOCK, Mode.FLY, np.zeros(9), 0.3, guidance)
     rises[0, :2] = -0.12, 0.16  # up is there in the poses of the first one
-    senses.look(1.0, rises, both, np.full(2, Mode.FLY.value), guidance)
+    senses.look(1.0, rises, both, both, guidance)
     for index in range(2):
         senses.enter(index, Mode.FLY, Mode.DESCEND, rises[index], 1.0, guidance)
     plain = senses.descent.thrust(1.5)

@@ -98,6 +98,8 @@ def test_poses_that_come_and_go_count_as_lost_when_most_are(losses: list[tuple[f
         flags = dict.fromkeys(Sight._fields, np.zeros(1, dtype=bool))
         sight = Sight(**flags | {"height": np.ones(1), "usable": np.array([usable])})
         supervisor.advance(now, sight)
+        assert supervisor.flying[0] == (supervisor.mode[0] == Mode.FLY)
+        assert supervisor.level[0] == (supervisor.mode[0] in (Mode.LEVEL, Mode.DESCEND))
         return Mode(supervisor.mode[0])
 
     assert see(True) is Mode.FLY
