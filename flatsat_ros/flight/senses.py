@@ -4,56 +4,34 @@ from __future__ import annotations
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray, all_of, any_of
+from flatsat_ros.base.arrays import FloatArray, any_of
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.flight.astray import AstrayDetector
 from flatsat_ros.flight.braking import Braking
+from flatsat_ros.flight.command_check import CommandCheck
 from flatsat_ros.flight.descent import BlindDescent
-from flatsat_ros.flight.detectors import (
-    LIFTED_OFF,
-    BobbingDetector,
-    FallDetector,
-    LiftOffDetector,
-    TiltLimitDetector,
-    TouchDownDetector,
-)
+from flatsat_ros.flight.detectors import LIFTED_OFF, FallDetector, LiftOffDetector, TouchDownDetector
+from flatsat_ros.flight.following_check import FollowingCheck
 from flatsat_ros.flight.guidance import Guidance
 from flatsat_ros.flight.modes import AIRBORNE, Mode
-from flatsat_ros.flight.policy import Policy, YawSource
+from flatsat_ros.flight.policy import Policy
+from flatsat_ros.flight.pose_gaps import PoseGaps
 from flatsat_ros.flight.supervisor import Sight
 from flatsat_ros.flight.thrust import ThrustScale
 from flatsat_ros.flight.unmoved import DOUBTFUL, STILL, UnmovedDetector
 
 # the detectors look so often, s: they judge by what lasts for tenths of a second
 _LOOK = 0.05
-# a yaw that is learnt from motion follows it with this time constant, s; if a drone is astray again so soon, s, after
-# it was corrected at once, it is no matter of its yaw
-_YAW_TIME = 0.5
-_YAW_SETTLES = 3.0
 # near the ground, m, a drone is not judged by its motion: something may carry it
 _NEAR_GROUND = 0.15
 # a drone on the ground that is commanded upward by this, m/s^2, and has not risen by so much, m, has too little thrust:
 # its estimated velocity believes in the commands, or shows the noise of the poses
 _LIFTING = 0.3
 _LIFTING_RISE = 0.005
-# a certificate that knows nothing of lag and delay does not make the drone answer sooner than after this, s
-_LATE = 0.15
-# With a stiff law, whether a drone moves as it is commanded to is seen by its places at so many looks: its estimated
-# velocity believes in the commands, and follows a drone that does otherwise late. A soft law leaves time for that, and
-# lets gusts move a drone so far that they would be taken for a wrong sign.
-_PLACES = 2
 # so many times the thrust of a hover lift whoever can be flown, or as many as the weakest drone needs that is flown
 _ENOUGH = 1.3
 _SLID = "told to climb, it moves sideways instead: is z up in the poses?"
 _SUNK = "told to climb, it is seen {0:.2f} m below where it stood, at most {1:g} m: has z the other sign?"
-# for so long, s, after poses were missed for the second time, s, the estimated velocity may still be wrong, by metres a
-# second
-_RETURNS, _MISSED = 0.5, 0.15
 _UNMOVED = "poses whose z stays within {0:g} m, while commands should have changed it by {1:.2f} m: are they its own?"
-_BLOWN = "at the limit of its tilt and {0:.1f} m off its reference, no nearer for seconds: wind? It lands where it is"
-_SWINGS = "it swings from one side to the other: do poses or commands come too late?"
-_AGAINST = "at the limit of its tilt it goes another way than it is told to: is its yaw what yaw_source assumes?"
-_BOBS = "it swings up and down: do poses or commands come too late?"
 # the lift of a drone that is to sink without poses is the mean over about this time, s: a gust does not last
 _LIFT_TIME = 1.0
 # a drone that sinks without being steered is pushed down by this, 1/s, times the speed at which it climbs instead, and
@@ -86,41 +64,27 @@ class Senses:
         self._ticks = 0
         self._sight: Sight | None = None  # of the last look; None: something has changed since
         self._gravity = gravity
-        flight = certificate.flight
-        self._tubes = None if flight is None else [axis.tube.position for axis in flight.axes]  # m
         self._policy = policy
         self._touch_down = TouchDownDetector(count)
         enough = max(_ENOUGH, 1.0 / max(1.0 - policy.thrust_error_max, 1e-3))
         self._lift_off = LiftOffDetector(count, policy.lift_off_time, enough)
         self._fall = FallDetector(count)
-        late = max(certificate.lag + certificate.delay, _LATE)
-        turns = policy.yaw_source is not YawSource.MEASURED
-        self._astray = AstrayDetector(count, self._period, late, turns=turns, wary=self._tubes is not None)
-        self._late = late
+        self._command_check = CommandCheck(certificate, policy.yaw_source, self._period, count)
+        self._following_check = FollowingCheck(certificate, policy.drag, count)
+        self._gaps = PoseGaps(count, self._period)
         self._unmoved = UnmovedDetector(count, self._period)
-        self._limit = TiltLimitDetector(count, certificate.limits.tilt_max, gravity)
-        self._bobbing = BobbingDetector(count)
-        self._blown = np.zeros(count, dtype=bool)  # it lands because the wind is too strong, until it is down
         self._reports: list[tuple[int, str]] = []
         self._lift = np.zeros(count)  # what lifts each beside its thrust, m/s^2, without gusts
         self._unlocked = np.zeros(count, dtype=bool)  # it stood on the ground when its flight began
         self.grounded = self._unlocked & self._lift_off.standing
-        self._assumed: np.ndarray | None = None  # (N,) whose yaw is assumed, as nobody sees it
-        self._turns = np.zeros(count)  # corrections of yaws that are learnt from motion, rad, not yet made
-        self._settling = np.zeros(count)  # s, until the yaw may be found wrong again
         self._misled = np.zeros(count, dtype=bool)  # it sinks, and its height is not what its poses say
         self._up = np.zeros((count, 3))  # of those, the direction in which they have left the ground
         self._gone_astray = np.zeros(count, dtype=bool)  # until it is down
-        self._returning = np.zeros(count)  # s, until the velocity is known well after poses were missed
-        self._gaps = False  # somebody's poses are missing, or come again
-        self._missing = np.zeros(count)  # s, for how long there has been no new pose
         self._stands = np.zeros(count, dtype=bool)  # it sinks, and its poses stand still
         self._held = np.zeros(count, dtype=bool)  # it was not seen to take off, until its motors stop
-        self._taken = np.full(count, -np.inf)  # stamps of the poses that were learnt from last, s
         self._free = np.zeros(count, dtype=bool)  # steered in the air, away from the ground
         self._acceleration = np.zeros((count, 3))  # commanded at the last tick, m/s^2
         self._push = np.zeros((count, 3))  # commanded change of velocity since the last look, m/s
-        self._places = np.zeros((_PLACES + 1, count, 2))  # at the last looks, newest last, m
 
     def sinking_thrust(self, now: float, velocity: FloatArray, usable: np.ndarray) -> FloatArray:
         """Return the thrusts (N,), m/s^2, of drones that sink without being steered.
@@ -142,7 +106,7 @@ class Senses:
         """Let nothing last longer because the clock was set back to now, s."""
         self.descent.set_clock_back(now)
         self._fall.set_clock_back(now)
-        self._limit.set_clock_back(now)
+        self._following_check.set_clock_back(now)
 
     def look(
         self, now: float, estimated: FloatArray, usable: np.ndarray, steered: np.ndarray, guidance: Guidance
@@ -243,68 +207,32 @@ class Senses:
             low = self._lift_off.rise(estimated) < _LIFTING_RISE
             lifting = flying & standing & (acceleration[:, 2] >= _LIFTING) & low
         watched = free & ~landing
-        if self._gaps:
-            watched &= self._returning <= 0.0
+        if self._gaps.any:
+            watched &= self._gaps.passed()
         self._judge_still(estimated, error[:, 2], watched)
-        new = np.ones(len(yaw), dtype=bool) if newest is None else newest != self._taken
-        if self._gaps or not all_of(new):
-            self._missing = np.where(new, 0.0, self._missing + self._period)
-            self._returning = np.maximum(self._returning - self._period, _RETURNS * (self._missing >= _MISSED))
-            self._gaps = bool(np.count_nonzero(self._missing + self._returning))
+        new = self._gaps.look(newest)
         certain = np.abs(self._unmoved.way) < DOUBTFUL
         learning = flying & ~(standing & self._unlocked) & (high | ~landing) & certain
         span: float | FloatArray = self._period
         # what is learnt quickly is not learnt again from a disturbance that no new pose has confirmed
-        if newest is not None:
-            span, self._taken = self._period * new if self._tubes is not None else span, newest.copy()
+        if self.thrust.quick:
+            span = self._period * new
         self.thrust.learn(acceleration[:, 2] + self._gravity, disturbance[:, 2], learning, lifting, span)
         # what carries a drone lets nothing come of its commands, which is not taken for a wrong sign
         judged = (flying & ~standing) | self.braking.active
-        velocity = estimated[:, 3:5]
-        if self._tubes is not None:
-            self._places[:-1] = self._places[1:]
-            self._places[-1] = estimated[:, :2]
-            velocity = (self._places[-1] - self._places[0]) / (_PLACES * self._period)
-        assumed = self._assumed = unseen if self._policy.yaw_source is YawSource.ASSUMED else None
-        astray = self._astray.astray(self._push[:, :2], velocity, yaw, judged, assumed)
-        if assumed is not None:
-            self._tell_turns(astray & assumed & ~self._gone_astray)
-        elif unseen is not None and any_of(unseen):
-            astray = self._learn_yaw(astray, unseen & judged)
+        astray = self._command_check.look(self._push[:, :2], estimated, yaw, judged, unseen, self._gone_astray)
+        self._reports += self._command_check.reports()
         self._gone_astray = self._gone_astray | astray
         if any_of(self.braking.active):
             for index in map(int, np.flatnonzero(self.braking.active)):
-                self.braking.learn(index, self._astray.answer(index))
+                self.braking.learn(index, self._command_check.answer(index))
         self._lift += (self._period / _LIFT_TIME) * np.where(high & certain, disturbance[:, 2] - self._lift, 0.0)
         self._push, self._free = np.zeros_like(self._push), free
         return self._free
 
-    def _learn_yaw(self, astray: np.ndarray, learning: np.ndarray) -> np.ndarray:
-        """Learn yaws from motion: slowly, and at once where a drone would be astray; return who is astray after all."""
-        angle = np.where(learning, self._astray.turns(), 0.0)
-        self._settling = np.maximum(self._settling - self._period, 0.0)
-        found = astray & learning & (np.abs(angle) > 0.0) & (self._settling == 0.0)
-        turns = np.where(found, angle, self._period / _YAW_TIME * angle)
-        self._turns, self._settling[found] = self._turns + turns, _YAW_SETTLES
-        self._astray.correct(turns, found)
-        for index in map(int, np.flatnonzero(found)):
-            text = f"its motion is turned by {np.degrees(angle[index]):.0f} deg from its commands: its yaw is corrected"
-            self._reports.append((index, text))
-        return np.asarray(astray & ~found)
-
-    def _tell_turns(self, astray: np.ndarray) -> None:
-        """Tell by how much the assumed yaw of drones (N,) is wrong that go astray, if it is that."""
-        if not any_of(astray):
-            return
-        angle = self._astray.turns()
-        for index in map(int, np.flatnonzero(astray & (np.abs(angle) > 0.0))):
-            turned = f"its motion is turned by {np.degrees(angle[index]):.0f} deg from its commands"
-            self._reports.append((index, f"{turned}: the yaw that yaw_source assumes is wrong"))
-
     def take_turns(self) -> FloatArray:
         """Return by how much the yaws are to be corrected, (N,) rad, since the last call."""
-        turns, self._turns = self._turns, np.zeros_like(self._turns)
-        return turns
+        return self._command_check.take_turns()
 
     def at_limit(
         self, now: float, base: FloatArray, disturbance: FloatArray, error: FloatArray, landing: np.ndarray
@@ -320,29 +248,16 @@ class Senses:
         """
         if not self.looked:
             return []
-        correction = self._acceleration - base[:, 6:]
-        if self._tubes is not None:  # what a stiff law corrects inside its tube is no swinging
-            sides = np.hypot(error[:, 0], error[:, 1]) > self._tubes[0]
-            correction = correction * np.stack([sides, sides, np.abs(error[:, 2]) > self._tubes[1]], axis=1)
-        # without what its own motion through still air makes of it
-        push = disturbance[:, :2] + self._policy.drag * (error[:, 3:5] + base[:, 3:5])
-        blown, swinging, opposed = self._limit.look(
-            now, self._acceleration, correction[:, :2], push, error[:, :2], self._free, landing, self._assumed
+        told, assumed = self._gone_astray, self._command_check.assumed
+        astray, bobbing = self._following_check.look(
+            now, self._acceleration, base, disturbance, error, self._free, landing, assumed, told
         )
-        bobbing = self._bobbing.look(now, correction[:, 2], self._free)
-        if not any_of(blown | swinging | opposed | bobbing | self._blown):
-            return []
-        for index in map(int, np.flatnonzero(blown & ~self._blown)):
-            self._reports.append((index, _BLOWN.format(float(np.hypot(*error[index, :2])))))
-        self._reports += [(int(index), _SWINGS) for index in np.flatnonzero(swinging & ~self._gone_astray)]
-        if self._assumed is not None:
-            told = opposed & self._assumed & ~self._gone_astray
-            self._reports += [(int(index), _AGAINST) for index in np.flatnonzero(told)]
-        self._reports += [(int(index), _BOBS) for index in np.flatnonzero(bobbing & ~self._gone_astray)]
-        self._lift[bobbing] = 0.0  # what was seen of it was late
-        self._gone_astray = self._gone_astray | swinging | opposed | bobbing
-        self._blown = self._blown | blown
-        return [int(index) for index in np.flatnonzero(self._blown)]
+        self._reports += self._following_check.reports()
+        if any_of(astray):
+            self._lift[bobbing] = 0.0  # what was seen of it was late
+            self._gone_astray = self._gone_astray | astray
+        blown = self._following_check.blown
+        return [int(index) for index in np.flatnonzero(blown)] if any_of(blown) else []
 
     def reports(self) -> list[tuple[int, str]]:
         """Return what is to be told, drone and text, once."""
@@ -401,13 +316,13 @@ class Senses:
                 height = self._lift_off.risen(index, estimated[:3])
                 climb = float(np.linalg.norm(estimated[3:6]))
             self.descent.begin(index, now, height - float(guidance.ground[index]), climb, lift)
-            answer = self._astray.answer(index) if after is Mode.DESCEND and self._gone_astray[index] else None
-            under_way = self._late * float(np.hypot(*self._acceleration[index, :2]))
+            answer = self._command_check.answer(index) if after is Mode.DESCEND and self._gone_astray[index] else None
+            under_way = self._command_check.under_way(self._acceleration[index])
             self.braking.begin(index, answer, estimated[3:5], under_way)
         if after is Mode.FLY and before in AIRBORNE:
-            self._returning[index], self._gaps = _RETURNS, True
+            self._gaps.resume(index)
         if after in (Mode.CUT, Mode.REST, Mode.FALLEN, Mode.IDLE):
-            self._gone_astray[index] = self._blown[index] = self.braking.active[index] = False
+            self._gone_astray[index] = self._following_check.blown[index] = self.braking.active[index] = False
             self._misled[index] = self._stands[index] = False
         if after not in AIRBORNE:
             self._held[index] = False

@@ -27,6 +27,7 @@ class ThrustScale:
 
     Attributes:
         scale: (N,) actual thrust over the thrust asked for; at first rather too high, so that no drone leaps up.
+        quick: the scales are learnt faster at the beginning.
         gained: (N,) what the last change of the scale adds to the actual thrust, m/s^2, if it is learnt quickly.
     """
 
@@ -38,7 +39,7 @@ class ThrustScale:
             error_max: the scale stays within 1 -+ error_max; 0 learns nothing.
             quick: learn faster at the beginning; the disturbance must be that of an estimate that knows lag and delay.
         """
-        self._quick = quick
+        self.quick = quick
         self._first = 1.0 + error_max / 2.0
         self.scale = np.full(count, self._first)
         self._error_max = error_max
@@ -72,11 +73,11 @@ class ThrustScale:
         error = np.divide(disturbance, upward, out=np.zeros_like(upward), where=useful)
         weak = lifting & (self._lifting > np.where(self._learnt < _SETTLED_TIME, *_LIFTING_TIME))
         constant: float | FloatArray = _TIME_CONSTANT
-        if self._quick:
+        if self.quick:
             constant = np.where(self._learnt < _QUICK_TIME, _QUICK_TIME_CONSTANT, _TIME_CONSTANT)
         scale = self.scale * (1.0 + period / constant * error - period * _LIFTING_RATE * weak)
         before, self.scale = self.scale, np.minimum(np.maximum(scale, 1.0 - self._error_max), 1.0 + self._error_max)
-        if self._quick:
+        if self.quick:
             self.gained = (before / self.scale - 1.0) * (upward + disturbance)
 
     def take_over(self, index: int) -> None:
@@ -93,7 +94,7 @@ class ThrustScale:
     @property
     def hurried(self) -> np.ndarray | None:
         """(N,) whose scale is still learnt faster than later; None if none ever is."""
-        return self._learnt < _QUICK_TIME if self._quick and self._error_max > 0.0 else None
+        return self._learnt < _QUICK_TIME if self.quick and self._error_max > 0.0 else None
 
     @property
     def settled(self) -> np.ndarray:
