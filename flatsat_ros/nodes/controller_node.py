@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
-from rclpy.publisher import Publisher
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.flight import telemetry
@@ -34,8 +32,9 @@ from flatsat_ros.nodes.markers import Markers
 from flatsat_ros.nodes.other_robots import OtherRobots, declare_others
 from flatsat_ros.nodes.plan_control import PlanControl, declare_plan
 from flatsat_ros.nodes.pose_sources import PoseSources, declare_pose_source
+from flatsat_ros.nodes.reference_topics import ReferenceTopics
 from flatsat_ros.nodes.rivals import Rivals
-from flatsat_ros.nodes.ros import cdr, interfaces, messages
+from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, Report
 from flatsat_ros.nodes.ros.parameters import declare, require_known_parameters
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
@@ -56,7 +55,7 @@ class ControllerNode(ProgramNode):
         """Read the parameters, load the certificate and the vehicle, start the tick."""
         super().__init__(interfaces.CONTROLLER_NODE)
         setup = self._setup = declare_setup(self)
-        self.robots, self._certificate, self._world = setup.robots, setup.certificate, setup.world.encode()
+        self.robots, self._certificate = setup.robots, setup.certificate
         tuning = TuningParameters(self, self.robots, self._certificate)
         self._backends = Backends(self, self.robots, self._flies)
         self._sources = PoseSources(self, self.robots, setup.world, self._flies, declare_pose_source(self))
@@ -68,8 +67,6 @@ class ControllerNode(ProgramNode):
         tuning.follow(self._pilot.retune)
         SetupReport(self, self._certificate, setup.policy)
         Markers(self, self.robots, setup.world, setup.policy.box, self._newest)
-        refusals = interfaces.REFUSALS
-        self._refusals = self.create_publisher(refusals.kind, refusals.suffix, refusals.publish)
 
         count = len(self.robots)
         self._stamps = StampClock(count, lambda: self.get_clock().now().nanoseconds, time.monotonic_ns)
@@ -80,9 +77,11 @@ class ControllerNode(ProgramNode):
         self._durations: list[float] = []
         self._last: Tick | None = None
         self._telemetry = messages.telemetry_message()
-        self._telemetry_publishers: list[Publisher] = []
-        for index, robot in enumerate(self.robots):
-            self._connect(index, robot)
+        report = interfaces.TELEMETRY
+        self._telemetry_publishers = [
+            self.create_publisher(report.kind, report.of(robot), report.publish) for robot in self.robots
+        ]
+        ReferenceTopics(self, self.robots, setup.world.encode(), self._stamps, self._set_reference, self._breathe)
         self._status = DroneStatus(self, self.robots, setup.vehicles, self._take_voltage)
         see = self._pilot.traffic.see
         self._others = OtherRobots(self, others, setup.world, lambda i, place: see(i, place, self._stamps.now))
@@ -143,12 +142,6 @@ class ControllerNode(ProgramNode):
         self._plans.close()
         super().destroy_node()  # type: ignore[no-untyped-call]
 
-    def _connect(self, index: int, robot: str) -> None:
-        goal, trajectory, report = interfaces.GOAL, interfaces.TRAJECTORY, interfaces.TELEMETRY
-        for topic, take in ((goal, self._on_goal), (trajectory, self._on_trajectory)):
-            self.create_subscription(topic.kind, topic.of(robot), partial(take, index), topic.subscribe, raw=True)
-        self._telemetry_publishers.append(self.create_publisher(report.kind, report.of(robot), report.publish))
-
     def _flies(self, index: int) -> bool:
         """Tell whether a drone is in the air."""
         return self._pilot.mode[index] in AIRBORNE
@@ -208,29 +201,6 @@ class ControllerNode(ProgramNode):
                     measured = self._stamps.measured(index, stamp)
                     self._pilot.measure(index, measured, position, quaternion, self._stamps.now)
         self._others.take()
-
-    def _on_goal(self, index: int, data: bytes) -> None:
-        self._breathe()
-        with self._telling(index, interfaces.GOAL):
-            cdr.require_short(data)
-            cdr.require_frame(data, self._world)
-            self._set_reference(index, cdr.setpoint_from_cdr(data))
-
-    def _on_trajectory(self, index: int, data: bytes) -> None:
-        with self._telling(index, interfaces.TRAJECTORY):
-            cdr.require_frame(data, self._world)
-            self._look_at_clock()
-            now = self.get_clock().now().nanoseconds
-            self._set_reference(index, cdr.trajectory_from_cdr(data, now, self._stamps.origin()))
-
-    @contextmanager
-    def _telling(self, index: int, topic: interfaces.Topic) -> Iterator[None]:
-        """Tell on a topic of its own, beside the log, why a reference is refused: nobody answers its sender."""
-        try:
-            yield
-        except FlatsatError as error:
-            self._refusals.publish(messages.text_message(f"{topic.of(self.robots[index])}: {error}"))
-            raise
 
     def _take_voltage(self, index: int, voltage: float) -> None:
         self._pilot.note_battery(index, voltage, self._setup.vehicles[index].battery, self._stamps.now)
