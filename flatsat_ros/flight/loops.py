@@ -68,12 +68,14 @@ class Loop(ABC):
     """What the pilot knows of a loop."""
 
     @abstractmethod
-    def estimate(self, now: float, thorough: bool) -> FloatArray:
+    def estimate(self, now: float, thorough: bool, gained: FloatArray | None) -> FloatArray:
         """Return position, velocity and disturbance of the drones at a tick, (N, 9): m, m/s, m/s^2.
 
         Args:
             now: s.
             thorough: they are for detectors that judge by them.
+            gained: (N,) by how much more the drones have been accelerated upward since the last tick because their
+                thrust has been learnt, m/s^2; None for nothing.
         """
 
     @abstractmethod
@@ -96,9 +98,6 @@ class Loop(ABC):
             acceleration: (N, 3) commanded in any mode, m/s^2.
             flying: (N,) who is steered.
         """
-
-    def expect(self, gained: FloatArray) -> None:  # noqa: B027
-        """Expect so much more of what accelerates drones upward, (N,) m/s^2, from now on."""
 
     def astray(self) -> list[int]:
         """Return who is where it cannot be if nothing is broken; nobody where no tube is known."""
@@ -123,7 +122,7 @@ class DirectLoop(Loop):
         self._spent = np.zeros(count)
         self._base = np.zeros((count, 9))
 
-    def estimate(self, now: float, thorough: bool) -> FloatArray:
+    def estimate(self, now: float, thorough: bool, gained: FloatArray | None) -> FloatArray:
         """Return the estimates."""
         return self._estimator.estimate(now)
 
@@ -172,9 +171,11 @@ class PredictedLoop(Loop):
         self._needed, self._reference = np.zeros((count, 3)), np.zeros((count, 9))
         self._error = np.zeros((count, 6))
 
-    def estimate(self, now: float, thorough: bool) -> FloatArray:
+    def estimate(self, now: float, thorough: bool, gained: FloatArray | None) -> FloatArray:
         """Move the model on; its state serves where nobody judges by it, while all drones are steered."""
         estimator = self._estimator
+        if gained is not None:  # what was disturbance before would be made up for twice meanwhile
+            self._predictor.disturbance[:, 2] += gained
         self._predictor.advance(now, estimator.newest, estimator.measured)
         if self._steady and not thorough:
             return self._predictor.estimated
@@ -247,10 +248,6 @@ class PredictedLoop(Loop):
             broken=monitors.broken,
             tube=self._tubes,
         )
-
-    def expect(self, gained: FloatArray) -> None:
-        """Move the estimated disturbance on, which would follow late: meanwhile it would be made up for twice."""
-        self._predictor.disturbance[:, 2] += gained
 
     def astray(self) -> list[int]:
         """Return who is outside its tube although all seems to be as assumed."""

@@ -71,7 +71,7 @@ class ControlStep:
         for index, reason in parts.clearance.barred():
             if supervisor.call_off(index):
                 self.reports.append(Report(index, f"its take-off is called off: {reason}"))
-        estimated = parts.loop.estimate(now, senses.due)
+        estimated = parts.loop.estimate(now, senses.due, senses.thrust.take_gained())
         state, estimate = estimated[:, :6], estimated[:, 6:]
         self.state = state
         usable = self.usable = estimator.usable(now, self._policy.pose_timeout)
@@ -119,8 +119,6 @@ class ControlStep:
         )
         if parts.orientations.from_motion and senses.looked:
             estimator.yaw += senses.take_turns()
-        if senses.looked:
-            parts.loop.expect(senses.thrust.gained)
         if self._policy.goal_mode is GoalMode.PATH:  # steps take a drone to its limit by themselves
             for index in senses.at_limit(now, aim.base, estimate, error, guidance.landing):
                 if flying[index]:

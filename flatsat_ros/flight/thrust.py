@@ -28,7 +28,6 @@ class ThrustScale:
     Attributes:
         scale: (N,) actual thrust over the thrust asked for; at first rather too high, so that no drone leaps up.
         quick: the scales are learnt faster at the beginning.
-        gained: (N,) what the last change of the scale adds to the actual thrust, m/s^2, if it is learnt quickly.
     """
 
     def __init__(self, count: int, error_max: float, quick: bool = False) -> None:
@@ -43,7 +42,7 @@ class ThrustScale:
         self._first = 1.0 + error_max / 2.0
         self.scale = np.full(count, self._first)
         self._error_max = error_max
-        self.gained = np.zeros(count)
+        self._gained: FloatArray | None = None
         self._learnt = np.zeros(count)  # s in which it followed
         self._lifting = np.zeros(count)  # s of being commanded upward on the ground, less those of not
 
@@ -78,7 +77,12 @@ class ThrustScale:
         scale = self.scale * (1.0 + period / constant * error - period * _LIFTING_RATE * weak)
         before, self.scale = self.scale, np.minimum(np.maximum(scale, 1.0 - self._error_max), 1.0 + self._error_max)
         if self.quick:
-            self.gained = (before / self.scale - 1.0) * (upward + disturbance)
+            self._gained = (before / self.scale - 1.0) * (upward + disturbance)
+
+    def take_gained(self) -> FloatArray | None:
+        """Return what the last change of the scales adds to the actual thrusts, (N,) m/s^2, once; None for nothing."""
+        gained, self._gained = self._gained, None
+        return gained
 
     def take_over(self, index: int) -> None:
         """Begin with drone index in the air, if it is not known yet: there, too little thrust lets it drop."""

@@ -28,7 +28,9 @@ def test_what_the_scale_gains_is_what_disturbs_less(true: float, upward: float, 
     disturbance = (true / thrust.scale - 1.0) * asked
     for _ in range(5):
         thrust.learn(asked, disturbance, air, floor, period)
-        disturbance = disturbance + thrust.gained
+        gained = thrust.take_gained()
+        assert gained is not None
+        disturbance = disturbance + gained
         assert disturbance == pytest.approx((true / thrust.scale - 1.0) * asked, abs=1e-12)
     assert abs(disturbance[0]) < abs(true / 1.125 - 1.0) * upward + 1e-12
 
