@@ -55,8 +55,9 @@ def _parser() -> shell.Parser:
         (
             "tube",
             "M",
-            "how far a drone may be off its reference, as you state it: nothing proves it (default: what the "
-            "certificate proves, or 0.05)",
+            "how far a drone may be off its reference; references are then so slow that the certificate proves it, or, "
+            "where it cannot, it is your word (default: what the certificate proves for all it assumes of references, "
+            "or 0.05)",
         ),
         (
             "margin",
@@ -81,7 +82,7 @@ def _parser() -> shell.Parser:
         "--from-poses", action="store_true",
         help="the file has goals only, .yaml: drones set out from where they are, as a running controller tells",
     )  # fmt: skip
-    parser.add_argument("--trade", action="store_true", help="only show how tube and duration depend on the jerk")
+    parser.add_argument("--trade", action="store_true", help="only show which tube goes with which duration")
     parser.add_argument("--force", action="store_true", help="overwrite the output")
     return parser
 
@@ -161,14 +162,15 @@ def _present(names: Sequence[str]) -> Mapping[str, Sequence[float]]:
 
 
 def _show_trade(mission: Mission, certificate: Certificate) -> None:
-    """Print which tubes and durations go with which jerk."""
+    """Print which tubes and durations go with which bounds."""
     from flatsat_ros.planning.trade import trade
 
-    print("jerk m/s^3  snap m/s^4  tube m  duration s, at least")
+    print("acceleration m/s^2  jerk m/s^3  snap m/s^4  tube m  duration s, at least")
     for choice in trade(mission, certificate):
+        most = "-" if choice.acceleration_max is None else f"{choice.acceleration_max:.3f}"
         tube = "   -  " if choice.tube is None else f"{choice.tube:6.4f}"
         bound = choice.refused if choice.bound is None else f"{choice.bound:.2f}"
-        print(f"{choice.jerk_max:10.3f}  {choice.snap_max:10.3f}  {tube}  {bound}")
+        print(f"{most:>18}  {choice.jerk_max:10.3f}  {choice.snap_max:10.3f}  {tube}  {bound}", flush=True)
 
 
 def tell_round(proved: Round) -> None:

@@ -34,7 +34,7 @@ from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.sensor import MotionCapture
 
 _VEHICLE, _LINK_DELAY = "cf21", 0.028  # as in the demo
-_DRONES = 240  # flown at once, about: more of them cost less each
+_DRONES = 720  # flown at once, about: more of them cost less each
 _BESIDE = 30.0  # m, between copies of a plan
 _GIVEN, _SETTLED = 0.5, 1.5  # s, when the references are given, and begin: drones are in their tubes, not yet at rest
 _FAR = 1e5  # m, walls and ceiling

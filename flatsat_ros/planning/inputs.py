@@ -37,7 +37,8 @@ class Wishes:
     """What a user asks of a plan beside way-points; None for what the file or a default says.
 
     Attributes:
-        tube: radius, m, stated by the user; None for what the certificate proves, or 0.05 if it has no flight section.
+        tube: radius, m, that is wanted, see `plans.tubes.promise`; None for what the certificate proves, or 0.05 if it
+            has no flight section.
         margin: m/s^2; None for what the certificate assumes, or half the radius of the ball around hover in the input
             set.
         jerk_max, snap_max: m/s^3, m/s^4; None for what the certificate assumes, or 2 and 20.
@@ -109,6 +110,7 @@ def read_mission(
         return Mission(
             name, content.drones, certificate.name, certificate.limits, bounds, tube, content.times, content.downwash,
             wishes.clearance, content.obstacles, content.laps if wishes.laps is None else wishes.laps,
+            certificate.flight if wishes.tube is None else None,
         )  # fmt: skip
     except FlatsatError as error:
         if str(error).startswith(os.fspath(path)):

@@ -9,6 +9,7 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import FlatsatError, refusal, require, require_fields, require_not_negative
+from flatsat_ros.certificate.flight import Flight
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.plans import Bounds, Box, Curve, Tube
 from flatsat_ros.plans.laps import require_laps
@@ -84,6 +85,8 @@ class Mission:
         clearance: kept beside bodies and tubes, m.
         obstacles: that all drones keep away from by body, tube and clearance.
         laps: how often references are flown that begin again where they end; None for from rest to rest.
+        proves: the flight section that proves a smaller tube of references that ask for less than the bounds allow,
+            which is what the plan then has, unless there are laps; None where all plans have the tube above.
 
     Raises:
         FlatsatError: no reference can keep what is asked, as far as that can be seen without a search.
@@ -100,6 +103,7 @@ class Mission:
     clearance: float = 0.0
     obstacles: tuple[Box, ...] = ()
     laps: int | None = None
+    proves: Flight | None = None
 
     def __post_init__(self) -> None:
         require_fields(self, require_not_negative, clearance="m")

@@ -12,6 +12,7 @@ from flatsat_ros.base.errors import require_positive
 from flatsat_ros.planning.mission import Asked, Mission
 from flatsat_ros.plans import Curve, Plan, PlannedDrone, Waypoint
 from flatsat_ros.plans.laps import with_ramp
+from flatsat_ros.plans.tubes import Promise, narrowed
 
 SECONDS = 20.0  # how long a plan is improved, unless it is said otherwise
 
@@ -64,9 +65,13 @@ def plan(mission: Mission, seconds: float = SECONDS, progress: Callable[[Round],
 
 def finished(mission: Mission, found: Round) -> Plan:
     """Return the plan of a round, with the distances that can be certified."""
+    promised = Promise(mission.bounds, mission.tube)
+    if mission.proves is not None and not mission.is_closed:
+        promised = narrowed(promised, found.curves, mission.proves, mission.limits, mission.downwash)
+    bounds, tube = promised
     drones = [
         PlannedDrone(
-            drone.name, curve, drone.body, mission.tube, drone.yaw,
+            drone.name, curve, drone.body, tube, drone.yaw,
             tuple(
                 Waypoint(knot, *(round(1e9 * value) for value in (*place, radius)))
                 for knot, place, radius in zip(
@@ -84,9 +89,9 @@ def finished(mission: Mission, found: Round) -> Plan:
     laps = None
     if mission.laps is not None:
         ways = [curve.trajectory() for curve in found.curves]
-        laps = with_ramp(mission.laps, ways, mission.bounds, mission.limits)
+        laps = with_ramp(mission.laps, ways, bounds, mission.limits)
     made = Plan.of(
-        drones, name=mission.name, certificate=mission.certificate, limits=mission.limits, bounds=mission.bounds,
+        drones, name=mission.name, certificate=mission.certificate, limits=mission.limits, bounds=bounds,
         downwash=mission.downwash, clearance=mission.clearance, obstacles=mission.obstacles, provenance=provenance,
         laps=laps,
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What speed costs: references with larger bounds of jerk and snap are shorter, and their certified tubes larger."""
+"""What speed costs: references with larger bounds are shorter, and their certified tubes larger."""
 
 from __future__ import annotations
 
@@ -11,19 +11,21 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.planning.mission import Mission
 from flatsat_ros.plans.tubes import promise
 
-_FACTORS = (0.5, 1.0, 1.5, 2.0, 3.0)  # of the mission's jerk and snap
+_FACTORS = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)  # of the mission's acceleration, up to 1, jerk and snap
 
 
 class Choice(NamedTuple):
     """One choice of bounds.
 
     Attributes:
+        acceleration_max: m/s^2; None for no bound. More than the mission's is never proved.
         jerk_max, snap_max: m/s^3, m/s^4.
         tube: m, what the certificate proves then; None for nothing.
         bound: s; no plan with these bounds is shorter. None if nothing can be planned.
         refused: why not; empty where something can.
     """
 
+    acceleration_max: float | None
     jerk_max: float
     snap_max: float
     tube: float | None
@@ -32,7 +34,7 @@ class Choice(NamedTuple):
 
 
 def trade(mission: Mission, certificate: Certificate) -> Iterator[Choice]:
-    """Yield tube and duration for several bounds of a mission, about three seconds of computation.
+    """Yield tube and duration for several bounds of a mission, up to fifteen seconds of computation.
 
     Raises:
         FlatsatError: the certificate proves no tubes, or the mission's times are given.
@@ -44,15 +46,16 @@ def trade(mission: Mission, certificate: Certificate) -> Iterator[Choice]:
     if mission.times is not None:
         raise FlatsatError("the times of the way-points are given: larger bounds make no plan shorter")
     for factor in _FACTORS:
-        jerk, snap = factor * mission.bounds.jerk_max, factor * mission.bounds.snap_max
-        radius = None
+        own, radius = mission.bounds, None
+        most = None if own.acceleration_max is None else min(factor, 1.0) * own.acceleration_max
+        figures = most, factor * own.jerk_max, factor * own.snap_max
         try:
             bounds, tube = promise(
-                certificate, mission.bounds.lower, mission.bounds.upper, downwash=mission.downwash, jerk_max=jerk,
-                snap_max=snap, speed_max=mission.bounds.speed_max,
+                certificate, own.lower, own.upper, downwash=mission.downwash, acceleration_max=figures[0],
+                jerk_max=figures[1], snap_max=figures[2], speed_max=own.speed_max,
             )  # fmt: skip
             radius = tube.radius
             asked = replace(mission, bounds=bounds, tube=tube)
-            yield Choice(jerk, snap, radius, bound_of(asked))
+            yield Choice(*figures, radius, bound_of(asked))
         except FlatsatError as error:
-            yield Choice(jerk, snap, radius, None, str(error))
+            yield Choice(*figures, radius, None, str(error))

@@ -91,16 +91,38 @@ def change_duration(references: Sequence[Trajectory], bounds: Bounds, limits: In
         limits: the input set.
         stops: whether they stop; otherwise they set out.
     """
+    durations = _STOPS if stops else _STARTS
+    sampled = _sampled(references)
+    for duration in durations:
+        if _are_bearable(sampled, duration, bounds, limits, stops=stops):
+            return duration
+    return durations[-1]
+
+
+def have_room(references: Sequence[Trajectory], bounds: Bounds, limits: InputSet) -> bool:
+    """Tell whether the longest changes of pace ask for at most a tenth more than the bounds that references keep."""
+    sampled = _sampled(references)
+    return all(
+        _are_bearable(sampled, durations[-1], bounds, limits, stops=stops)
+        for durations, stops in ((_STOPS, True), (_STARTS, False))
+    )
+
+
+def _sampled(references: Sequence[Trajectory]) -> list[tuple[FloatArray, FloatArray]]:
+    """Return times (M,), s, of each reference, at which changes are looked at, and its rates then."""
     sampled = []
     for reference in references:
         times = np.linspace(reference.times[0], reference.times[-1], _LOOKS)
         sampled.append((times, _rates(reference, times)))
-    durations = _STOPS if stops else _STARTS
-    for duration in durations:
-        course = _course(np.linspace(0.0, 1.0, _STEPS), duration, stops=stops)
-        if all(_is_bearable(*each, course, bounds, limits) for each in sampled):
-            return duration
-    return durations[-1]
+    return sampled
+
+
+def _are_bearable(
+    sampled: Sequence[tuple[FloatArray, FloatArray]], duration: float, bounds: Bounds, limits: InputSet, *, stops: bool
+) -> bool:
+    """Tell whether changes of a duration, s, ask for at most a tenth more than bounds allow, wherever they begin."""
+    course = _course(np.linspace(0.0, 1.0, _STEPS), duration, stops=stops)
+    return all(_is_bearable(*each, course, bounds, limits) for each in sampled)
 
 
 def _is_bearable(times: FloatArray, rates: FloatArray, course: FloatArray, bounds: Bounds, limits: InputSet) -> bool:

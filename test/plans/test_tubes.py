@@ -23,6 +23,7 @@ assert FLIGHT is not None
 BOX = {"lower": np.array([-1.0, -1.0, 0.0]), "upper": np.array([61.0, 1.0, 2.0])}
 BOUNDS, TUBE = promise(FLYING, **BOX, downwash=2.0)
 ADAPTIVE = Certificate.from_document(read_yaml(config_path("cf21_adaptive_50hz")))  # likewise
+NARROWED = ("margin", "jerk_max", "snap_max", "thrust_max", "thrust_min")  # what goes with a tube
 RADIUS = math.hypot(FLIGHT.horizontal.tube.position, FLIGHT.vertical.tube.position / 2.0)
 
 
@@ -67,6 +68,29 @@ def test_wider_bounds_have_a_larger_tube_and_wild_ones_none() -> None:
         )
     with pytest.raises(FlatsatError, match=r"jerk_max 30 m/s\^3, snap_max 400 m/s\^4: need = .*: must be less"):
         promise(FLYING, **BOX, downwash=2.0, jerk_max=30.0, snap_max=400.0)
+
+
+def test_smaller_bounds_have_smaller_tubes_that_plans_may_state() -> None:
+    bounds, tube = promise(FLYING, **BOX, downwash=2.0, jerk_max=0.2, snap_max=0.1)
+    assert tube.radius < RADIUS
+    kept = {name: getattr(bounds, name) for name in NARROWED}
+    require_tubes(plan_of(tube, 30, **kept), FLYING)
+    closer, looser = plan_of(Tube(tube.radius - 1e-4, "certificate"), 30, **kept), plan_of(tube, 30)
+    for wrong in (closer, looser):  # a smaller one, and one that is not proved for what the references may ask
+        with pytest.raises(FlatsatError, match=r"tube of cf1 = .*: must be at least"):
+            require_tubes(wrong, FLYING)
+
+
+def test_a_wanted_tube_is_proved_for_slower_references_or_is_the_users_word() -> None:
+    usual, wanted = BOUNDS.jerk_max, math.floor(1e4 * (RADIUS - 0.001)) / 1e4
+    bounds, tube = promise(FLYING, **BOX, downwash=2.0, tube=wanted)
+    assert tube == Tube(wanted, "certificate")
+    assert 0.0 < bounds.jerk_max < usual
+    require_tubes(plan_of(tube, 30, **{name: getattr(bounds, name) for name in NARROWED}), FLYING)
+    larger = promise(FLYING, **BOX, downwash=2.0, tube=0.1)
+    assert (larger.bounds.jerk_max, larger.tube) == (usual, Tube(0.1, "certificate"))
+    for none in ({"tube": 0.01}, {"tube": wanted, "jerk_max": 30.0}):
+        assert promise(FLYING, **BOX, downwash=2.0, **none).tube == Tube(none["tube"])
 
 
 def test_what_differs_is_named() -> None:
