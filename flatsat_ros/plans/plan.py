@@ -10,37 +10,28 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
-
-from flatsat_ros.base.arrays import IntArray
 from flatsat_ros.base.errors import FlatsatError, refusal, require, require_fields, require_not_negative, require_number
 from flatsat_ros.base.files import located
 from flatsat_ros.base.strict_yaml import read_yaml, section, write_yaml
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.input_set import InputSet
-from flatsat_ros.plans import obstacles, tables
+from flatsat_ros.plans import obstacles, pairs
 from flatsat_ros.plans.bounds import Bounds
-from flatsat_ros.plans.curve import NANOMETRE, UNIT
 from flatsat_ros.plans.drone import PlannedDrone
 from flatsat_ros.plans.laps import Laps
 from flatsat_ros.plans.obstacles import Box, require_distinct
-from flatsat_ros.plans.separation import Closest, closest, closest_to_boxes, pairs_of
+from flatsat_ros.plans.pairs import DRONES_MAX, Pair
+from flatsat_ros.plans.separation import closest, closest_to_boxes, pairs_of
 
 FORMAT = 1
 BYTES_MAX = 1024 * 1024  # a hundred drones with their pairs have 400 KB
-DRONES_MAX = 150
-
-_TABLE_MAX = DRONES_MAX * DRONES_MAX  # lines
-_PAIR = (None, None, 4, 6, 6)
-_DISTANCE_STEP = 10**5  # nm: distances are stated in tenths of a millimetre, rounded down
 
 _HEADER = """\
 # A flatsat_ros plan: references for drones, and what is proved about them. `plan --verify` proves it again.
@@ -78,22 +69,6 @@ def require_downwash(name: str, value: object, unit: str) -> float:
         FlatsatError: it is not.
     """
     return require_number(name, value, unit, 1.0, 10.0)
-
-
-class Pair(NamedTuple):
-    """Two drones, or a drone and an obstacle.
-
-    Attributes:
-        first, second: their names.
-        distance: 1e-4 m; references keep it always, in the downwash metric.
-        start, end: us, an interval in which they are nearest.
-    """
-
-    first: str
-    second: str
-    distance: int
-    start: int
-    end: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,10 +142,10 @@ class Plan:
         """
         names = [drone.name for drone in drones]
         curves = [drone.curve for drone in drones]
-        pairs = _stated(closest(curves, downwash), names, names)
-        passages = _stated(closest_to_boxes(curves, obstacles, downwash), names, [box.name for box in obstacles])
+        kept = pairs.stated(closest(curves, downwash), names, names)
+        passages = pairs.stated(closest_to_boxes(curves, obstacles, downwash), names, [box.name for box in obstacles])
         return cls(
-            drones=tuple(drones), pairs=pairs, downwash=downwash, obstacles=obstacles, passages=passages, **others
+            drones=tuple(drones), pairs=kept, downwash=downwash, obstacles=obstacles, passages=passages, **others
         )
 
     @property
@@ -220,44 +195,18 @@ class Plan:
         curves = [drone.curve for drone in self.drones]
         if self.laps is not None:
             self.laps.require_kept([curve.trajectory() for curve in curves], self.bounds, self.limits)
-        required = [self.required(first, second) for first, second in itertools.combinations(self.drones, 2)]
-        slacks |= self._kept(
-            self.pairs, required, "both bodies and tubes", lambda goals: closest(curves, self.downwash, goals)
-        )
-        required = [self.required(drone) for drone in self.drones for _ in self.obstacles]
-        return slacks | self._kept(
-            self.passages, required, "body and tube",
-            lambda goals: closest_to_boxes(curves, self.obstacles, self.downwash, goals),
-        )  # fmt: skip
-
-    def _kept(
-        self,
-        pairs: Sequence[Pair],
-        required: Sequence[Fraction],
-        why: str,
-        proved: Callable[[IntArray | None], Closest],
-    ) -> dict[str, float]:
-        """Prove the stated distances, and that they are enough."""
-        unit = _DISTANCE_STEP * NANOMETRE
-        stated = np.array([math.ceil(pair.distance * unit * UNIT) for pair in pairs], dtype=np.int64)
-        found = proved(stated)
-        slacks = {}
-        for number, (pair, least) in enumerate(zip(pairs, required, strict=True)):
-            distance = pair.distance * unit
-            what = f"plan {self.name!r}: '{pair.first}, {pair.second}: distance'"
-            if found.distance[number] < stated[number]:
-                exact = proved(None)
-                raise FlatsatError(
-                    f"{what} is {exact.distance[number] / UNIT:.6g} m at t = {exact.start[number]:.4f} s: must be "
-                    f"{float(distance):.4f} m as stated"
-                )
-            if distance < least:
-                raise FlatsatError(
-                    f"{what} is {float(distance):.4f} m at t = {pair.start / 1e6:.4f} s: must be "
-                    f"{float(least):.6g} m, {why}"
-                )
-            slacks[f"{pair.first}, {pair.second}: distance (m)"] = float(distance - least)
-        return slacks
+        try:
+            required = [self.required(first, second) for first, second in itertools.combinations(self.drones, 2)]
+            slacks |= pairs.slacks(
+                self.pairs, required, "both bodies and tubes", lambda goals: closest(curves, self.downwash, goals)
+            )
+            required = [self.required(drone) for drone in self.drones for _ in self.obstacles]
+            return slacks | pairs.slacks(
+                self.passages, required, "body and tube",
+                lambda goals: closest_to_boxes(curves, self.obstacles, self.downwash, goals),
+            )  # fmt: skip
+        except FlatsatError as error:
+            raise FlatsatError(f"plan {self.name!r}: {error}") from error
 
     def require_made_for(self, certificate: Certificate) -> None:
         """Refuse a certificate whose input set is another than that the plan was made for.
@@ -319,9 +268,9 @@ class Plan:
                 PlannedDrone.from_document(name, section, closed=laps is not None)
                 for name, section in root["drones"].items()
             ),
-            pairs=_pairs("pairs", root),
+            pairs=pairs.read("pairs", root["pairs"]),
             obstacles=obstacles.read(root["obstacles"]),
-            passages=_pairs("passages", root),
+            passages=pairs.read("passages", root["passages"]),
             downwash=root["downwash"],
             clearance=root["clearance"],
             provenance=root["provenance"],
@@ -341,9 +290,9 @@ class Plan:
             "clearance": self.clearance,
             "laps": None if self.laps is None else self.laps.to_document(),
             "drones": {drone.name: drone.to_document() for drone in self.drones},
-            "pairs": tables.written(self.pairs, _PAIR),
+            "pairs": pairs.written(self.pairs),
             "obstacles": obstacles.written(self.obstacles),
-            "passages": tables.written(self.passages, _PAIR),
+            "passages": pairs.written(self.passages),
             "provenance": dict(self.provenance),
         }  # fmt: skip
         return document | {"hash": _digest(document)}
@@ -353,22 +302,3 @@ def _digest(document: Mapping[str, Any]) -> str:
     """Return the SHA-256 of a document but for its hash."""
     content = {key: value for key, value in document.items() if key != "hash"}
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-
-
-def _pairs(name: str, root: Mapping[str, Any]) -> tuple[Pair, ...]:
-    rows = tables.read(name, root[name], _PAIR, _TABLE_MAX)
-    return tuple(Pair(str(first), str(second), *map(int, figures)) for first, second, *figures in rows)
-
-
-def _stated(found: Closest, first: Sequence[str], second: Sequence[str]) -> tuple[Pair, ...]:
-    """Return what a plan states of certified distances: they are rounded down."""
-    return tuple(
-        Pair(
-            first[i], second[j], distance * 10**9 // (_DISTANCE_STEP * UNIT),
-            math.floor(start * 1e6), math.ceil(end * 1e6),
-        )
-        for i, j, distance, start, end in zip(
-            *(values.tolist() for values in (found.first, found.second, found.distance, found.start, found.end)),
-            strict=True,
-        )
-    )  # fmt: skip
