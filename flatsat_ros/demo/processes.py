@@ -39,6 +39,7 @@ def commands_of(scenario: Scenario, namespace: str) -> dict[str, list[str]]:
                 "gamma_0": repr(GAMMA_0),
                 "takeoff_height": repr(scenario.height),
                 "floor": repr(scenario.floor),
+                "separation": repr(scenario.policy.separation),
                 "restart_gain": repr(not scenario.paper).lower(),
                 "goal_mode": scenario.policy.goal_mode.value,
                 "thrust_error_max": repr(scenario.policy.thrust_error_max),

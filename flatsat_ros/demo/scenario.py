@@ -21,6 +21,7 @@ from flatsat_ros.flight.path_limits import Box
 from flatsat_ros.flight.policy import GoalMode, Policy
 from flatsat_ros.flight.preview import needed_margin
 from flatsat_ros.flight.trajectory import Trajectory
+from flatsat_ros.plans import Plan
 from flatsat_ros.plans.prepared import PreparedPlan
 
 # the paper's way-points, {[0,-6,1],[6,6,1],[-6,6,1]} x 10 cm in x and y, m
@@ -33,7 +34,8 @@ POSE_NOISE = 1e-4  # m, standard deviation of the simulated motion capture: cert
 DISTURBANCE_MAX = 0.8  # m/s^2, that the controller compensates by default
 THRUST_ERROR_MAX = 0.25  # that it corrects by default
 LEAD = 0.5  # s from sending the trajectories to their start
-_FLOOR_DISTANCE = 0.5  # m, between drones that take off
+_BESIDE = 0.06  # m, that drones of a plan stand farther apart than the rules of take-off and landing keep them
+_SEPARATION_MIN = 0.1  # m
 _LOWEST, _BELOW = 0.3, 0.5  # m above the floor, that references are at least; that the floor is put below others
 LINK_DELAY = 0.028  # s, from a command to the simulated drone in the default flight
 
@@ -171,12 +173,14 @@ def planned(path: Path, wind: float = 0.0) -> Scenario:
     lowest = min(float(swap.bounds()[0][2]) for swap in swaps)
     floor = 0.0 if lowest >= _LOWEST else math.floor(10.0 * (lowest - _BELOW)) / 10.0
     policy = Policy(
-        disturbance_max=DISTURBANCE_MAX, thrust_error_max=THRUST_ERROR_MAX, drag=dynamics.drag_z, floor=floor
+        disturbance_max=DISTURBANCE_MAX, thrust_error_max=THRUST_ERROR_MAX, drag=dynamics.drag_z, floor=floor,
+        separation=_separation(prepared.plan),
     )  # fmt: skip
     _require_inside(policy.box, robots, swaps)
     start = gathering * (1.0, 1.0, 0.0) + (0.0, 0.0, floor)
-    _require_room_on_the_floor("first", robots, gathering)
-    _require_room_on_the_floor("last", robots, np.array([swap.end for swap in swaps]))
+    apart = policy.separation + _BESIDE
+    _require_room_on_the_floor("first", robots, gathering, apart)
+    _require_room_on_the_floor("last", robots, np.array([swap.end for swap in swaps]), apart)
     return Scenario(
         robots, start, gathering, swaps, certificate, certificate_path, "identified", policy, False, prepared, path,
         wind, floor,
@@ -197,17 +201,26 @@ def _require_inside(room: Box, robots: Sequence[str], paths: Sequence[Trajectory
                     raise refusal(f"{axis} of the reference of {robot}", round(value, 3), "m", valid)
 
 
-def _require_room_on_the_floor(which: str, robots: Sequence[str], points: FloatArray) -> None:
-    """Refuse drones that would stand too near to each other below points (N, 3), m.
+def _separation(plan: Plan) -> float:
+    """Return how far apart the rules keep drones where the plan does not, m: as far as that, at most as by default.
+
+    So drones that a plan leads side by side have room to take off and to land there.
+    """
+    asked = [float(plan.required(*pair)) - _BESIDE for pair in itertools.combinations(plan.drones, 2)]
+    return max(_SEPARATION_MIN, min([Policy().separation, *asked]))
+
+
+def _require_room_on_the_floor(which: str, robots: Sequence[str], points: FloatArray, least: float) -> None:
+    """Refuse drones that would stand nearer to each other below points (N, 3), m, than a distance, m.
 
     Raises:
         FlatsatError: two of them would; the text names them.
     """
     for (i, one), (j, other) in itertools.combinations(enumerate(points[:, :2]), 2):
         apart = float(np.linalg.norm(one - other))
-        if apart < _FLOOR_DISTANCE:
+        if apart < least:
             what = f"distance of {robots[i]} and {robots[j]} on the floor below their {which} points"
-            raise refusal(what, round(apart, 3), "m", f"at least {_FLOOR_DISTANCE:g} m, to take off and land")
+            raise refusal(what, round(apart, 3), "m", f"at least {least:.3g} m, to take off and land")
 
 
 def default_certificate() -> tuple[Certificate, Path]:

@@ -16,6 +16,7 @@ from flatsat_ros.demo import exchange, headless
 from flatsat_ros.demo.record import RobotRecord, failures
 from flatsat_ros.demo.scenario import planned, record_of
 from flatsat_ros.flight.modes import Mode
+from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.planning import Round
 from flatsat_ros.plans import Curve, Plan, PlannedDrone
@@ -121,6 +122,15 @@ def test_drones_that_would_stand_too_near_to_each_other_are_named(tmp_path: Path
     path = save(tmp_path / "plan.yaml", (0.0, 0.0, 0.6), (0.1, 0.0, 2.0))
     with pytest.raises(FlatsatError, match=r"distance of cf1 and cf2 on the floor below their first .* = 0.1 m: must"):
         planned(path)
+
+
+def test_small_drones_stand_as_near_to_each_other_as_their_plan_leads_them(tmp_path: Path) -> None:
+    scenario = planned(save(tmp_path / "plan.yaml", (0.0, 0.0, 0.6), (0.38, 0.0, 0.6)))
+    assert scenario.plan is not None
+    first, second = scenario.plan.plan.drones
+    assert 0.3 < scenario.policy.separation < float(first.radius + second.radius) < 0.37
+    far = planned(save(tmp_path / "far.yaml", (0.0, 0.0, 0.6)))
+    assert far.policy.separation == Policy().separation
 
 
 def test_a_plan_that_leaves_the_room_is_refused_before_anything_flies(tmp_path: Path) -> None:
