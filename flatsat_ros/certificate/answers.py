@@ -8,6 +8,8 @@ docs/mathematics.md has the proof.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -40,7 +42,7 @@ class Answers:
 
     Attributes:
         sums: (N, p, m) sum_i |C A^i B|.
-        peaks: (N, p, k) max_i |C A^i Z|.
+        peaks: (N, p, k) max_i |C A^i Z|; infinite, so that nothing is claimed, but for the last factor.
         vertex_sums: (N, V, p, f) the first f sums, with each term moved by its derivative in the direction of a vertex.
         vertex_peaks: (N, V, p, k) likewise.
     """
@@ -59,8 +61,9 @@ def answers(
     steps: Enclosure,
     kicks: Enclosure,
     vertices: FloatArray,
-) -> Answers:
-    """Return bounds of what loops answer, hardly above what they do answer.
+    factors: Sequence[float] = (1.0,),
+) -> list[Answers]:
+    """Return bounds of what loops answer, hardly above what they do answer, for each of some factors.
 
     Args:
         A: (N, n, n).
@@ -70,12 +73,16 @@ def answers(
         steps: (N, d, n, n) derivatives of A by each parameter.
         kicks: (N, d, n, f) those of the first f columns of B, which are followed to first order; starts are, too.
         vertices: (N, V, d) points of the parameters.
+        factors: at least 1, by which z+ is multiplied in every period: of the loop with r A, r B and so on.
     """
     count, moving = len(A.mid), vertices.any(axis=(0, 1))  # the other parameters are what they are in the middle
     steps, kicks, vertices = steps[:, moving], kicks[:, moving], vertices[..., moving]
     parts = [slice(i, i + _BATCH) for i in range(0, count, _BATCH)]
-    found = [_Sums(A[s], B[s], starts, signals[s], steps[s], kicks[s], vertices[s]).all() for s in parts]
-    return Answers(*(np.concatenate([np.asarray(getattr(part, name)) for part in found]) for name in _NAMES))
+    found = [_Sums(A[s], B[s], starts, signals[s], steps[s], kicks[s], vertices[s], factors).all() for s in parts]
+    return [
+        Answers(*(np.concatenate([np.asarray(getattr(part, name)) for part in same]) for name in _NAMES))
+        for same in zip(*found, strict=True)
+    ]
 
 
 _NAMES = ("sums", "peaks", "vertex_sums", "vertex_peaks")
@@ -85,23 +92,26 @@ _NAMES = ("sums", "peaks", "vertex_sums", "vertex_peaks")
 class _Running:
     """What changes while loops are summed, and what is multiplied for it: arrays with one entry per loop.
 
-    Columns of a chunk are those of its periods side by side: first of f inputs that are followed, then of the k starts,
-    W in all; X of the other inputs.
+    The b columns that are followed are f inputs and the k starts; c is the number of the others, F that of the factors.
 
     Attributes:
         place: (N,) of each loop among those of the batch.
+        waiting: (N, F) for which factors it still remembers.
         rows, turns: (N, p + n, n) and (N, d, p + n, n), C A^i and A^i at the chunk's beginning; their derivatives.
-        rows_sum, turns_sum: (N, p + n, n), sums of their sizes over the chunks; the derivatives' times the reach.
-        plain, others: (N, p + n, W) and (N, p + n, X), gathered answers.
-        vertex, bent: (N, V, p, W) and (N, 1, n, W), likewise; those of the state's derivatives, times the reach.
-        moved, moved_others: (N, n, W) and (N, n, X), A^j of the columns.
-        turned: (N, d, 2 n, W) what derivatives of rows and, below, rows are multiplied with for the derivatives.
+        rows_sum, turns_sum: (N, p + n, n, F), sums of their sizes over the chunks; the derivatives' times the reach.
+        plain, others: (N, p + n, b, F) and (N, p + n, c, F), sums of the answers' sizes.
+        vertex, bent: (N, V, p, b, F) and (N, n, b, F), likewise; those of the state's derivatives, times the reach.
+        peaks, vertex_peaks, bent_peaks: (N, p + n, k, 16), (N, V, p, k, 16) and (N, n, k, 16), largest ones to starts
+            for the last factor, at each period of a chunk.
+        moved, moved_others: (N, n, 16 b) and (N, n, 16 c), A^j of the columns, of each the periods of a chunk.
+        turned: (N, d, 2 n, 16 b), what derivatives of rows and, below, rows are multiplied with for the derivatives.
         power, slope: (N, n, n) and (N, d, n, n), A^j over the whole chunk.
         shares: (N, V, 1 + d) combinations of an answer and its derivatives at the vertices.
-        reach: (N, 1, d) the largest distance of a vertex.
+        reach: (N, d) the largest distance of a vertex.
     """
 
     place: NDArray[np.intp]
+    waiting: NDArray[np.bool_]
     rows: FloatArray
     turns: FloatArray
     rows_sum: FloatArray
@@ -110,9 +120,12 @@ class _Running:
     others: FloatArray
     vertex: FloatArray
     bent: FloatArray
+    peaks: FloatArray
+    vertex_peaks: FloatArray
+    bent_peaks: FloatArray
     moved: FloatArray
-    turned: FloatArray
     moved_others: FloatArray
+    turned: FloatArray
     power: FloatArray
     slope: FloatArray
     shares: FloatArray
@@ -138,141 +151,163 @@ class _Sums:
         steps: Enclosure,
         kicks: Enclosure,
         vertices: FloatArray,
+        factors: Sequence[float],
     ) -> None:
         N, n, m = B.shape
         self.shape = N, n, m, starts.shape[1], kicks.shape[3]
         d, f, k = kicks.shape[1], kicks.shape[3], starts.shape[1]
         first = Enclosure(np.zeros((N, n, k)) + starts)
-        columns = _joined(B, first)
-        followed = _joined(B[..., :f], first)
+        followed, others = _joined(B[..., :f], first), B[..., f:]
         kicks = _joined(kicks, Enclosure(np.zeros((N, d, n, k))))
         power, slope = Enclosure(np.broadcast_to(np.eye(n), (N, n, n))), Enclosure(np.zeros((N, d, n, n)))
-        moved, turned = [], []
+        moved, moved_others, turned = [], [], []
         for _ in range(_CHUNK):
-            moved.append(power @ columns)
+            moved.append(power @ followed)
+            moved_others.append(power @ others)
             turned.append(slope @ followed[:, None] + power[:, None] @ kicks)
             power, slope = power @ A, slope @ A[:, None] + power[:, None] @ steps
-        self.moved = _joined(*(part[..., :f] for part in moved), *(part[..., m:] for part in moved))
-        self.others = _joined(*(part[..., f:m] for part in moved))
-        self.turned = _joined(*(part[..., :f] for part in turned), *(part[..., f:] for part in turned))
+        self.moved, self.others, self.turned = _side_by_side(moved), _side_by_side(moved_others), _side_by_side(turned)
         self.power, self.slope, self.signals = power, slope, signals
         # combinations of a term's own value and its derivatives
         self.shares = np.concatenate([np.ones((*vertices.shape[:2], 1)), vertices], axis=2)
         self.reach = np.abs(vertices).max(axis=1)
+        # what answers to inputs, (16, F), and starts, (16,), are multiplied with in a chunk, and from one to the next
+        powers = np.cumprod(np.tile(factors, (_CHUNK, 1)), axis=0)
+        self.inputs, self.starts, self.chunk = powers, powers[:, -1] / factors[-1], powers[-1]
 
     def _beginning(self) -> _Running:
         """Return rows of the first chunk, and nothing gathered."""
         N, n, m, k, f = self.shape
-        p, d, V = self.signals.shape[1], self.reach.shape[1], self.shares.shape[1]
-        every = np.broadcast_to(np.eye(n), (N, n, n))
+        p, d, V, F = self.signals.shape[1], self.reach.shape[1], self.shares.shape[1], len(self.chunk)
+        every, moved = np.broadcast_to(np.eye(n), (N, n, n)), self.moved.mid
         return _Running(
             place=np.arange(N),
+            waiting=np.ones((N, F), dtype=bool),
             rows=np.concatenate([self.signals.mid, every], axis=1),
             turns=np.zeros((N, d, p + n, n)),
-            rows_sum=np.zeros((N, p + n, n)),
-            turns_sum=np.zeros((N, p + n, n)),
-            plain=np.zeros((N, p + n, _CHUNK * (f + k))),
-            others=np.zeros((N, p + n, _CHUNK * (m - f))),
-            vertex=np.zeros((N, V, p, _CHUNK * (f + k))),
-            bent=np.zeros((N, 1, n, _CHUNK * (f + k))),
-            moved=self.moved.mid.copy(),
-            turned=np.concatenate([np.zeros_like(self.turned.mid) + self.moved.mid[:, None], self.turned.mid], axis=2),
+            rows_sum=np.zeros((N, p + n, n, F)),
+            turns_sum=np.zeros((N, p + n, n, F)),
+            plain=np.zeros((N, p + n, f + k, F)),
+            others=np.zeros((N, p + n, m - f, F)),
+            vertex=np.zeros((N, V, p, f + k, F)),
+            bent=np.zeros((N, n, f + k, F)),
+            peaks=np.zeros((N, p + n, k, _CHUNK)),
+            vertex_peaks=np.zeros((N, V, p, k, _CHUNK)),
+            bent_peaks=np.zeros((N, n, k, _CHUNK)),
+            moved=moved.copy(),
             moved_others=self.others.mid.copy(),
+            turned=np.concatenate([np.zeros_like(self.turned.mid) + moved[:, None], self.turned.mid], axis=2),
             power=self.power.mid.copy(),
             slope=self.slope.mid.copy(),
             shares=self.shares.copy(),
-            reach=self.reach[:, None].copy(),
+            reach=self.reach.copy(),
         )
 
-    def all(self) -> Answers:
+    def all(self) -> list[Answers]:
         """Sum up."""
         N, n, m, k, f = self.shape
-        p, d, V = self.signals.shape[1], self.reach.shape[1], self.shares.shape[1]
-        results = [np.full(shape, np.inf) for shape in ((N, p, m + k), (N, V, p, f + k))]
-        now, summed = self._beginning(), _CHUNK * f
+        p, d, V, F = self.signals.shape[1], self.reach.shape[1], self.shares.shape[1], len(self.chunk)
+        found = [tuple(np.full(shape, np.inf) for shape in ((N, p, m + k), (N, V, p, f + k))) for _ in range(F)]
+        now, scale, ever = self._beginning(), np.ones(F), range(_PERIODS_MAX // _CHUNK)
         # products go to memory that is there: to be given some would take longer than to multiply
-        memory = [np.empty((N, 1 + d, p + n, summed + _CHUNK * k))]
-        memory += [np.empty_like(array) for array in (now.others, now.vertex, now.bent)]
-        for _ in range(_PERIODS_MAX // _CHUNK):
-            count = len(now.place)
-            if not count:
-                break
-            values, others, vertex, bent = (array[:count] for array in memory)
-            np.matmul(now.rows, now.moved, out=values[:, 0])
-            both = np.concatenate([now.turns, np.broadcast_to(now.rows[:, None], now.turns.shape)], axis=3)
-            np.matmul(both, now.turned, out=values[:, 1:])
-            np.matmul(now.rows, now.moved_others, out=others)
-            np.matmul(now.shares, _flat(values[:, :, :p]), out=_flat(vertex))
-            np.abs(values, out=values)
-            np.matmul(now.reach, _flat(values[:, 1:, p:]), out=_flat(bent))
-            _gather(now.plain, values[:, 0], summed)
-            _gather(now.others, np.abs(others, out=others), others.shape[-1])
-            _gather(now.vertex, np.abs(vertex, out=vertex), summed)
-            _gather(now.bent, bent, summed)
-
-            reach = now.reach[:, 0, :, None, None]
-            now.rows_sum[:] += np.abs(now.rows)
-            now.turns_sum[:] += (reach * np.abs(now.turns)).sum(axis=1)
-            now.turns[:] = now.turns @ now.power[:, None] + now.rows[:, None] @ now.slope
-            now.rows[:] = now.rows @ now.power
-            left = np.abs(now.rows) + (reach * np.abs(now.turns)).sum(axis=1)
-            sizes = now.plain[:, p:].sum(axis=-1) + now.others[:, p:].sum(axis=-1) + now.bent[:, 0].sum(axis=-1)
-            with np.errstate(all="ignore"):
-                remembered = ((left[:, p:] @ sizes[..., None])[..., 0] / sizes).max(axis=1)
-            for place in np.flatnonzero((remembered < _FORGOTTEN) | ~(remembered < 1e12))[::-1]:
-                if remembered[place] < 1.0:
-                    self._finish(now, int(place), left[place], results)
-                now = now.without(place)
-        plain, vertex = results
+        shapes = (N, 1 + d, p + n, f + k, _CHUNK), (N, V, p, f + k, _CHUNK), (N, p + n, m - f, _CHUNK)
+        memory = [np.empty(shape) for shape in shapes]
+        totals = [np.empty((*shape[:-1], F)) for shape in shapes]
+        with np.errstate(all="ignore"):  # of loops that are not stable all grows beyond all numbers
+            for _ in ever:
+                count = len(now.place)
+                if not count:
+                    break
+                values, vertex, others = (array[:count] for array in memory)
+                np.matmul(now.rows, now.moved, out=_flat(values[:, 0], 2))
+                both = np.concatenate([now.turns, np.broadcast_to(now.rows[:, None], now.turns.shape)], axis=3)
+                np.matmul(both, now.turned, out=_flat(values[:, 1:], 3))
+                np.matmul(now.rows, now.moved_others, out=_flat(others, 2))
+                np.matmul(now.shares, _flat(values[:, :, :p], 2), out=_flat(vertex, 2))
+                sums, vertex_sums, others_sums = (array[:count] for array in totals)
+                for array, total in ((values, sums), (vertex, vertex_sums), (others, others_sums)):
+                    np.abs(array, out=array)
+                    np.matmul(_flat(array, -1), self.inputs * scale, out=_flat(total, -1))
+                now.vertex[:] += vertex_sums
+                now.others[:] += others_sums
+                reach = now.reach[:, :, None, None]
+                now.plain[:] += sums[:, 0]
+                now.bent[:] += (reach[..., None] * sums[:, 1:, p:]).sum(axis=1)
+                if k:
+                    weight, values = scale[-1] * self.starts, values[..., f:, :]
+                    _keep(now.peaks, values[:, 0], weight)
+                    _keep(now.vertex_peaks, vertex[..., f:, :], weight)
+                    _keep(now.bent_peaks, (reach[..., None] * values[:, 1:, p:]).sum(axis=1), weight)
+                now.rows_sum[:] += scale * np.abs(now.rows)[..., None]
+                now.turns_sum[:] += scale * (reach * np.abs(now.turns)).sum(axis=1)[..., None]
+                now.turns[:] = now.turns @ now.power[:, None] + now.rows[:, None] @ now.slope
+                now.rows[:] = now.rows @ now.power
+                scale = scale * self.chunk
+                left = np.abs(now.rows) + (reach * np.abs(now.turns)).sum(axis=1)
+                sizes = now.others[:, p:].sum(axis=2) + (now.plain[:, p:, :f] + now.bent[:, :, :f]).sum(axis=2)
+                sizes[..., -1] += (now.peaks[:, p:] + now.bent_peaks).sum(axis=(2, 3))
+                remembered = (scale * (left[:, p:] @ sizes) / sizes).max(axis=1)
+                done = now.waiting & ((remembered < _FORGOTTEN) | ~(remembered < 1e12))
+                now.waiting[done] = False
+                for place in np.flatnonzero(done.any(axis=1))[::-1].tolist():
+                    for number in np.flatnonzero(done[place] & (remembered[place] < 1.0)).tolist():
+                        self._finish(now, place, number, scale[number] * left[place], found[number])
+                    if not now.waiting[place].any():
+                        now = now.without(place)
         order = [*range(f), *range(f + k, m + k)]
-        return Answers(plain[..., order], plain[..., f : f + k], vertex[..., :f], vertex[..., f:])
+        return [Answers(a[..., order], a[..., f : f + k], b[..., :f], b[..., f:]) for a, b in found]
 
-    def _finish(self, now: _Running, place: int, left: FloatArray, results: list[FloatArray]) -> None:
-        """Add what rounding and the rest of time may add, for one loop.
+    def _finish(self, now: _Running, place: int, number: int, left: FloatArray, found: tuple[FloatArray, ...]) -> None:
+        """Add what rounding and the rest of time may add, for one loop and one factor.
 
         Args:
             now: what was gathered.
             place: of the loop in it.
+            number: of the factor.
             left: (p + n, n) bound of the rows that are left and of their derivatives, times their reach.
-            results: to write to.
+            found: to write to.
         """
         _, n, _, k, f = self.shape
-        i = int(now.place[place])
-        p, b = self.signals.shape[1], f + k
-        reach, share = self.reach[i], rounding(n + len(self.reach[i]) + 4)
+        i, b = int(now.place[place]), f + k
+        p, reach, grown = self.signals.shape[1], self.reach[i], self.chunk[number]
+        share = rounding(n + len(reach) + 4)
 
         def wrong(value: Enclosure) -> FloatArray:
-            """By how much products with it are wrong, per unit of the other factor."""
-            return np.asarray(value.rad + share * np.abs(value.mid))
+            """By how much products with it are wrong in a chunk, per unit of the other factor."""
+            return np.asarray(grown * (value.rad + share * np.abs(value.mid)))
 
-        weight, turned = now.rows_sum[place], now.turns_sum[place]
+        weight, turned = now.rows_sum[place, ..., number], now.turns_sum[place, ..., number]
         slopes = np.tensordot(reach, wrong(self.slope[i]), axes=1)
         q = weight @ (wrong(self.power[i]) + slopes) + turned @ wrong(self.power[i]) + left
         q[:p] += self.signals.rad[i]
-        off, kicks = wrong(self.moved[i]), np.tensordot(reach, wrong(self.turned[i]), axes=1)
+        off, kicks, others = (
+            value.reshape(n, -1, _CHUNK).sum(axis=2)
+            for value in (
+                wrong(self.moved[i]),
+                np.tensordot(reach, wrong(self.turned[i]), axes=1),
+                wrong(self.others[i]),
+            )
+        )
+        plain, vertex = now.plain[place, ..., number], now.vertex[place, ..., number]
+        own = now.bent[place, ..., number]
+        if number == len(self.chunk) - 1:
+            for sums, peaks in ((plain, now.peaks), (vertex, now.vertex_peaks), (own, now.bent_peaks)):
+                sums[..., f:] = peaks[place].max(axis=-1)
         added, bent = weight @ off, turned @ off + weight @ kicks
-        others = (now.others[place] + weight @ wrong(self.others[i])).reshape(len(weight), _CHUNK, -1).sum(axis=1)
-        moved = self._periods(now.plain[place]) + self._periods(added, every=True)
-        vertex = self._periods(now.vertex[place]) + self._periods(added[:p] + bent[:p], every=True)
-        plain = np.concatenate([moved, others], axis=1)
+        vertex = vertex + added[:p] + bent[:p]
+        plain = np.concatenate([plain + added, now.others[place, ..., number] + weight @ others], axis=1)
         state = plain[p:].copy()
-        state[:, :b] += self._periods(now.bent[place, 0]) + self._periods(bent[p:], every=True)
+        state[:, :b] += own + bent[p:]
         state = state * UP + TINY
         q = q * UP + TINY
         bound = self._implied(state, q[p:])
         if bound is None:
             return
         rest = q[:p] @ bound
-        results[0][i] = (plain[:p] + rest) * UP + TINY
-        results[1][i] = (vertex + rest[:, :b]) * UP + TINY
-
-    def _periods(self, values: FloatArray, every: bool = False) -> FloatArray:
-        """Return sums (..., f + k) over the periods of a chunk; of starts the largest, if not of them too."""
-        *_, k, f = self.shape
-        inputs, starts = values[..., : _CHUNK * f], values[..., _CHUNK * f :]
-        starts = starts.reshape(*values.shape[:-1], _CHUNK, k)
-        parts = [inputs.reshape(*values.shape[:-1], _CHUNK, f).sum(axis=-2)]
-        return np.concatenate([*parts, starts.sum(axis=-2) if every else starts.max(axis=-2)], axis=-1)
+        found[0][i] = (plain[:p] + rest) * UP + TINY
+        found[1][i] = (vertex + rest[:, :b]) * UP + TINY
+        if number < len(self.chunk) - 1:
+            found[0][i][:, f:b] = found[1][i][..., f:] = np.inf
 
     @staticmethod
     def _implied(summed: FloatArray, q: FloatArray) -> FloatArray | None:
@@ -286,17 +321,26 @@ class _Sums:
         return None
 
 
-def _gather(gathered: FloatArray, values: FloatArray, summed: int) -> None:
-    """Add values to what was gathered; behind so many columns keep the largest instead."""
-    gathered[..., :summed] += values[..., :summed]
-    if values.shape[-1] > summed:
-        np.maximum(gathered[..., summed:], values[..., summed:], out=gathered[..., summed:])
+def _keep(peaks: FloatArray, values: FloatArray, weight: FloatArray) -> None:
+    """Keep the largest of sizes (..., columns, 16), which are overwritten, weighted by the period."""
+    values *= weight
+    np.maximum(peaks, values, out=peaks)
 
 
-def _flat(array: FloatArray) -> FloatArray:
-    """Return a view (N, d, r c) of an array (N, d, r, c)."""
-    N, d, r, c = array.shape
-    return array.reshape(N, d, r * c)
+def _flat(array: FloatArray, axes: int) -> FloatArray:
+    """Return a view of an array in which all axes but so many first ones are one, or all but so many last ones."""
+    if axes < 0:
+        return array.reshape(math.prod(array.shape[:axes]), *array.shape[axes:])
+    return array.reshape(*array.shape[:axes], math.prod(array.shape[axes:]))
+
+
+def _side_by_side(parts: Sequence[Enclosure]) -> Enclosure:
+    """Join columns (..., m) of some times to (..., m times), the times of a column side by side."""
+    mid, rad = (
+        _flat(np.stack([getattr(part, name) for part in parts], axis=-1), parts[0].mid.ndim - 1)
+        for name in ("mid", "rad")
+    )
+    return Enclosure(mid, rad)
 
 
 def _joined(*parts: Enclosure) -> Enclosure:

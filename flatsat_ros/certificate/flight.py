@@ -21,7 +21,7 @@ from flatsat_ros.certificate.enclosures import UP, decimal, sine
 from flatsat_ros.certificate.exact import spare
 from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_plant import Design, Plant
-from flatsat_ros.certificate.flight_return import Return, box_return
+from flatsat_ros.certificate.flight_return import Return, box_claims
 from flatsat_ros.certificate.flight_tube import Assumptions, Tube, box_tube
 from flatsat_ros.law.input_set import InputSet
 
@@ -44,7 +44,7 @@ HEADER = """\
 """
 
 # claims do not change what is proved: certificates that differ in nothing else are proved once in a process
-_box_tube, _box_return = lru_cache(maxsize=8)(box_tube), lru_cache(maxsize=8)(box_return)
+_box_tube, _box_claims = lru_cache(maxsize=8)(box_tube), lru_cache(maxsize=8)(box_claims)
 
 _FIGURES = ("gain_min", "gain_max", "margin", "disturbance")
 _AXES = ("horizontal", "vertical")
@@ -76,11 +76,10 @@ class Axis:
         """Return the tube that is proved by computation, whatever is claimed."""
         return _box_tube(self.design, self.box, self.cuts, gain_min, gain_max, assumptions, self.lag_varies)
 
-    def returned(self, gain_min: float, gain_max: float, pose_age: float) -> Return:
-        """Return the way back that is proved by computation, at the rate that is claimed."""
-        return _box_return(
-            self.design, self.box, self.cuts, gain_min, gain_max, self.back.rate, pose_age, self.lag_varies
-        )
+    def claims(self, gain_min: float, gain_max: float, assumptions: Assumptions) -> tuple[Tube, Return]:
+        """Return the tube, and the way back at the rate that is claimed, that are proved by computation."""
+        rate, varies = self.back.rate, self.lag_varies
+        return _box_claims(self.design, self.box, self.cuts, gain_min, gain_max, rate, assumptions, varies)
 
     @classmethod
     def from_document(cls, name: str, document: object, period: float) -> Axis:
@@ -277,8 +276,7 @@ class Flight:
             ),
         }
         for name, axis in zip(_AXES, self.axes, strict=True):
-            tube = axis.proved(self.gain_min, self.gain_max, self.assumptions)
-            back = axis.returned(self.gain_min, self.gain_max, self.pose_age)
+            tube, back = axis.claims(self.gain_min, self.gain_max, self.assumptions)
             for kind, proved, claimed in (("tube", tube, axis.tube), ("way back", back, axis.back)):
                 for claim in fields(proved):
                     if claim.name != "rate":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,7 +59,7 @@ class Bounds:
     """
 
     def __init__(
-        self, cells: Cells, gain_min: float, gain_max: float, faster: float | None = None, lag_varies: bool = False
+        self, cells: Cells, gain_min: float, gain_max: float, lag_varies: bool = False, faster: float | None = None
     ) -> None:
         """Sum up.
 
@@ -66,9 +67,8 @@ class Bounds:
             cells: the plants.
             gain_min: smallest applied gain.
             gain_max: largest applied gain.
-            faster: for the answers to starts instead of those to inputs, the factor by which all signals are multiplied
-                more in every period than in the one before.
             lag_varies: whether lag, frequency and damping change in flight.
+            faster: if given, the factor of `growing`.
         """
         self.cells = cells
         self._on_state, self._dynamics = cells.on_state.size, enclosed(cells.loop.body.system[0]).size
@@ -93,10 +93,9 @@ class Bounds:
             "drive": [w * loop.port_input(t) for w, t in times],
             "change": [loop.command_input],
         }
-        if faster is None:  # starts have no other inputs
-            columns["rate"] = [w * loop.rate_input(t) for w, t in times]
-            columns["share"] = [loop.figure(h) * loop.share_input]
-            columns["model_drive"] = [w * loop.model_drive_input(t) for w, t in times]
+        columns["rate"] = [w * loop.rate_input(t) for w, t in times]
+        columns["share"] = [loop.figure(h) * loop.share_input]
+        columns["model_drive"] = [w * loop.model_drive_input(t) for w, t in times]
         units, nominal = loop.unit_inputs(loop.body), loop.unit_inputs(loop.believed)
         columns |= {
             "pulse": [cells.pulse[..., 0]],
@@ -129,26 +128,41 @@ class Bounds:
         starts = np.zeros((size, 2))  # of e and of e', which the estimator knows
         for i in range(2):
             starts[[i, x + i], i] = 1.0
+        factors = [1.0]
         if faster is None:
-            faster, starts = 1.0, starts[:, :0]
+            starts = starts[:, :0]
+        else:
+            factors.append(faster)
         count = len(steps.mid)
-        found = answers(
-            faster * _batch(loop.matrix(gain), count),
-            faster * _batch(inputs, count),
+        self._found = answers(
+            _batch(loop.matrix(gain), count),
+            _batch(inputs, count),
             starts,
             _batch(concatenate([tracked[:2], loop.feedback[None], tracked[2:], others @ command], -2), count),
-            faster * (steps @ command),
-            faster * kicks,
+            steps @ command,
+            kicks,
             self._vertices,
+            factors,
         )
+        self._direct = enclosed(others[..., size]).size
+        self._take(0)
+
+    def growing(self) -> Bounds:
+        """Return the bounds of signals that are multiplied by a factor more in every period than in the one before."""
+        other = copy.copy(self)
+        other._take(1)
+        return other
+
+    def _take(self, number: int) -> None:
+        """Take the sums for one of the factors."""
+        found, changes = self._found[number], self._part["change"].start
         self._bounded = np.isfinite(found.sums).all(axis=(1, 2))
         for sums in (found.sums, found.peaks, found.vertex_sums, found.vertex_peaks):
             sums[~self._bounded] = 0.0  # of these nothing is claimed
         self.sums, self._peaks = found.sums, found.peaks
         self._vertex_sums, self._vertex_peaks = found.vertex_sums, found.vertex_peaks
-        direct = enclosed(others[..., size]).size
-        self.sums[..., 4:, changes] += direct
-        self._vertex_sums[..., 4:, changes] += direct[:, None]
+        self.sums[..., 4:, changes] += self._direct
+        self._vertex_sums[..., 4:, changes] += self._direct[:, None]
 
     def amplitudes(self, drive: FloatArray | float, **others: FloatArray | float) -> FloatArray:
         """Return bounds (B, columns) of all inputs, with what interpolation adds to those that act within a period."""

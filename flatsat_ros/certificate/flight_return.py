@@ -2,7 +2,7 @@
 
 By linearity the distance to the reference is that of a drone that started on it, which is in the tube, and what the
 start alone does. Multiplied by e^(rate t), the latter obeys the same loop with A replaced by e^(rate h) A, and is
-bounded by the largest instead of the sum of its values.
+bounded by the largest instead of the sum of its values. The rows C A^i are those of the tube: both are found at once.
 """
 
 from __future__ import annotations
@@ -14,10 +14,12 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from flatsat_ros.certificate.enclosures import UP, decimal, growth
-from flatsat_ros.certificate.flight_bounds import Drives
+from flatsat_ros.certificate.flight_bounds import Bounds, Drives
 from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_plant import Design
-from flatsat_ros.certificate.flight_tube import cell_bounds, cells
+from flatsat_ros.certificate.flight_tube import Assumptions, Tube, cell_bounds, cells, tubes_of
+
+_NO_TUBE = Tube(math.inf, math.inf, math.inf, math.inf)
 
 
 @dataclass(frozen=True)
@@ -45,16 +47,16 @@ class Return:
         return Return(*(max(getattr(self, f.name), getattr(other, f.name)) for f in fields(Return)))
 
 
-def cell_returns(
+def cell_claims(
     design: Design,
     boxes: Sequence[Box],
     gain_min: float,
     gain_max: float,
     rate: float,
-    pose_age: float = 0.0,
+    assumptions: Assumptions,
     lag_varies: bool = False,
-) -> list[Return]:
-    """Return how all plants of each of some boxes return, as one cell each; infinite bounds where it cannot be shown.
+) -> list[tuple[Tube, Return]]:
+    """Return tubes and how all plants of each of some boxes return, as one cell each; infinite where not shown.
 
     Args:
         design: the controller.
@@ -62,41 +64,55 @@ def cell_returns(
         gain_min: smallest applied gain k, which may be another at every tick.
         gain_max: largest applied gain.
         rate: 1/s.
-        pose_age: of the newest pose at a tick, s.
+        assumptions: bounds of the inputs; of the way back only the age of poses.
         lag_varies: whether lag, frequency and damping change in flight, within the box.
 
     Raises:
         FlatsatError: as `cell_tube`.
     """
-    h = decimal(design.period)
+    h, pose_age = decimal(design.period), assumptions.pose_age
     faster = growth(decimal(rate) * h)
-    found = [Return(rate, math.inf, math.inf, math.inf, math.inf)] * len(boxes)
+    later = growth(decimal(rate) * (decimal(pose_age) + h)) * UP  # what a pose sees has decayed less
+    found = [(_NO_TUBE, Return(rate, math.inf, math.inf, math.inf, math.inf))] * len(boxes)
     for places, bounds in cell_bounds(design, boxes, gain_min, gain_max, pose_age, lag_varies, faster):
-        none = np.zeros(len(places))
-        later = bounds.pose_age * growth(decimal(rate) * (decimal(pose_age) + h)) * UP  # what it sees has decayed less
-        ways = []
-        for i in range(2):
-            tracked, bend = bounds.settled(*bounds.started(i), Drives(none, none, 0.0, later))
-            # from tick to tick: the tick before has decayed by one period less
-            position = faster * (tracked[:, 0] + bounds.cells.period**2 / 8.0 * bend) * UP
-            ways.append((position.tolist(), ((tracked[:, 2] + tracked[:, 3]) * UP).tolist()))
-        (positions, nominals), (positions_velocity, nominals_velocity) = ways
-        for place, *claims in zip(places, positions, positions_velocity, nominals, nominals_velocity, strict=True):
-            found[place] = Return(rate, *claims)
+        tubes = tubes_of(bounds, [boxes[place] for place in places], assumptions)
+        returns = _returns(bounds.growing(), rate, faster, later)
+        for place, tube, back in zip(places, tubes, returns, strict=True):
+            found[place] = tube, back
     return found
 
 
-def box_return(
+def _returns(bounds: Bounds, rate: float, faster: float, later: float) -> list[Return]:
+    """Return how plants return, from bounds of signals that grow.
+
+    Args:
+        bounds: of the cells.
+        rate: 1/s.
+        faster: by how much signals grow in a period.
+        later: and from the oldest pose to the tick after.
+    """
+    none, ways = np.zeros(len(bounds.sums)), []
+    for i in range(2):
+        tracked, bend = bounds.settled(*bounds.started(i), Drives(none, none, 0.0, bounds.pose_age * later))
+        # from tick to tick: the tick before has decayed by one period less
+        position = faster * (tracked[:, 0] + bounds.cells.period**2 / 8.0 * bend) * UP
+        ways.append((position.tolist(), ((tracked[:, 2] + tracked[:, 3]) * UP).tolist()))
+    (positions, nominals), (positions_velocity, nominals_velocity) = ways
+    columns = zip(positions, positions_velocity, nominals, nominals_velocity, strict=True)
+    return [Return(rate, *claims) for claims in columns]
+
+
+def box_claims(
     design: Design,
     box: Box,
     cuts: Sequence[str],
     gain_min: float,
     gain_max: float,
     rate: float,
-    pose_age: float = 0.0,
+    assumptions: Assumptions,
     lag_varies: bool = False,
-) -> Return:
-    """Return how all plants of a box return that is cut into cells; the arguments are those of `box_tube`.
+) -> tuple[Tube, Return]:
+    """Return the tube and the way back of all plants of a box that is cut into cells; arguments as of `box_tube`.
 
     Args:
         design: the controller.
@@ -104,12 +120,12 @@ def box_return(
         cuts: of the box into cells.
         gain_min: smallest applied gain k.
         gain_max: largest applied gain.
-        rate: 1/s.
-        pose_age: of the newest pose at a tick, s.
+        rate: 1/s, of the way back.
+        assumptions: bounds of the inputs.
         lag_varies: whether lag, frequency and damping change in flight.
     """
-    found = Return(rate, 0.0, 0.0, 0.0, 0.0)
+    tube, back = Tube(0.0, 0.0, 0.0, 0.0), Return(rate, 0.0, 0.0, 0.0, 0.0)
     parts = cells(box, cuts, design.period, lag_varies)
-    for part in cell_returns(design, parts, gain_min, gain_max, rate, pose_age, lag_varies):
-        found |= part
-    return found
+    for part in cell_claims(design, parts, gain_min, gain_max, rate, assumptions, lag_varies):
+        tube, back = tube | part[0], back | part[1]
+    return tube, back

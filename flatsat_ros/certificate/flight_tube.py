@@ -166,27 +166,39 @@ def cell_tubes(
     lag_varies: bool = False,
 ) -> list[Tube]:
     """Return the tube of each of some boxes, as one cell each; all else is as for `cell_tube`."""
-    model, tubes = design.model, [Tube(math.inf, math.inf, math.inf, math.inf)] * len(boxes)
+    tubes = [Tube(math.inf, math.inf, math.inf, math.inf)] * len(boxes)
+    for places, bounds in cell_bounds(design, boxes, gain_min, gain_max, assumptions.pose_age, lag_varies):
+        for place, tube in zip(places, tubes_of(bounds, [boxes[place] for place in places], assumptions), strict=True):
+            tubes[place] = tube
+    return tubes
+
+
+def tubes_of(bounds: Bounds, boxes: Sequence[Box], assumptions: Assumptions) -> list[Tube]:
+    """Return the tube of each of some boxes as cells that are alike.
+
+    Args:
+        bounds: of the cells.
+        boxes: the plants of each.
+        assumptions: bounds of the inputs.
+    """
+    design, cells = bounds.cells.loop.design, bounds.cells
+    model = design.model
     model_drive, ripple = assumptions.drive(model, design.period, model, model), assumptions.ripple(model)
     most = ripple * design.period / 2.0 * UP
-    for places, bounds in cell_bounds(design, boxes, gain_min, gain_max, assumptions.pose_age, lag_varies):
-        cells, parts = bounds.cells, [boxes[place] for place in places]
-        rate = np.array([assumptions.rate(model, box.low, box.high) for box in parts])
-        error = np.array([assumptions.drive(model, design.period, box.low, box.high) for box in parts])
-        inputs = bounds.amplitudes(
-            cells.port_gain * error,
-            rate=rate,
-            noise=assumptions.noise,
-            share=cells.share_error * rate,
-            model_drive=model_drive,
-        )
-        inputs += bounds.held(cells.port_gain * ripple, ripple)
-        drives = Drives(cells.port_gain * (error + most) * UP, rate, model_drive + most, bounds.pose_age)
-        found, bend = bounds.settled(*bounds.answered(inputs), drives)
-        found[:, 0] += cells.period**2 / 8.0 * bend
-        for place, values in zip(places, (found * UP).tolist(), strict=True):
-            tubes[place] = Tube(values[0], values[1], values[2], values[3])
-    return tubes
+    rate = np.array([assumptions.rate(model, box.low, box.high) for box in boxes])
+    error = np.array([assumptions.drive(model, design.period, box.low, box.high) for box in boxes])
+    inputs = bounds.amplitudes(
+        cells.port_gain * error,
+        rate=rate,
+        noise=assumptions.noise,
+        share=cells.share_error * rate,
+        model_drive=model_drive,
+    )
+    inputs += bounds.held(cells.port_gain * ripple, ripple)
+    drives = Drives(cells.port_gain * (error + most) * UP, rate, model_drive + most, bounds.pose_age)
+    found, bend = bounds.settled(*bounds.answered(inputs), drives)
+    found[:, 0] += cells.period**2 / 8.0 * bend
+    return [Tube(*values) for values in (found * UP).tolist()]
 
 
 def cell_bounds(
@@ -200,6 +212,8 @@ def cell_bounds(
 ) -> Iterator[tuple[list[int], Bounds]]:
     """Yield the sums of boxes as one cell each, whose poses are half as old as they may be, with the boxes' places.
 
+    With `faster` they have those of `Bounds.growing`, too.
+
     Raises:
         FlatsatError: a whole period lies inside the interval of a delay, the gains are no interval above 0, or poses
             are older than two periods.
@@ -212,7 +226,7 @@ def cell_bounds(
     if not 0.0 < gain_min <= gain_max:
         raise refusal("gain_min", gain_min, "", f"above 0 and at most gain_max, {gain_max:g}")
     for places, cells in side_by_side(design, boxes, decimal(pose_age) / 2):
-        yield places, Bounds(cells, gain_min, gain_max, faster, lag_varies)
+        yield places, Bounds(cells, gain_min, gain_max, lag_varies, faster)
 
 
 def box_tube(

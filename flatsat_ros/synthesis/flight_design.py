@@ -153,7 +153,7 @@ class FlightDesign:
         )
         nothing = Return(self.return_rate, 1.0, 1.0, 1.0, 1.0)
         axis = Axis(design.box, design.lag_varies, design.design, found.cuts, found.tube, nothing)
-        back = axis.returned(1.0, self.gain_max, self.assumptions.pose_age)
+        _, back = axis.claims(1.0, self.gain_max, self.assumptions)
         if not math.isfinite(back.nominal):
             raise refusal("return_rate", self.return_rate, "1/s", "smaller, so fast a return cannot be shown")
         tube = Tube(*(_above(value) for value in asdict(found.tube).values()))

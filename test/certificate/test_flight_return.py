@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import astuple
 
 import numpy as np
 import pytest
@@ -10,12 +11,14 @@ import pytest
 from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_loop import FlightLoop
 from flatsat_ros.certificate.flight_plant import Design, Plant
-from flatsat_ros.certificate.flight_return import Return, box_return, cell_returns
+from flatsat_ros.certificate.flight_return import Return, box_claims, cell_claims
+from flatsat_ros.certificate.flight_tube import Assumptions, box_tube
 
 PERIOD, RATE = 0.02, 0.6
 DESIGN = Design.predicting(PERIOD, Plant(0.03, 0.14), (0.357, 3.93, 14.2), 20.0, 12.0)
 BOX = Box(Plant(0.028, 0.136, gain=0.98), Plant(0.032, 0.144, gain=1.02))
 CUTS = ("delay", "lag", "", "", "lag", "", "")
+STILL = Assumptions(disturbance_rate=0.35, noise=5e-4, acceleration=1.0, jerk=0.58, snap=0.66)
 
 
 def decayed(plant: Plant, gains: np.ndarray, entry: int) -> np.ndarray:
@@ -32,7 +35,9 @@ def decayed(plant: Plant, gains: np.ndarray, entry: int) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def returned() -> Return:
-    return box_return(DESIGN, BOX, CUTS, 1.0, 1.5, RATE)
+    tube, back = box_claims(DESIGN, BOX, CUTS, 1.0, 1.5, RATE, STILL)
+    assert astuple(tube) == pytest.approx(astuple(box_tube(DESIGN, BOX, CUTS, 1.0, 1.5, STILL)), rel=1e-12)
+    return back
 
 
 def test_starts_decay_as_is_claimed(returned: Return) -> None:
@@ -48,7 +53,7 @@ def test_starts_decay_as_is_claimed(returned: Return) -> None:
 
 def test_for_one_plant_and_one_gain_it_is_what_happens() -> None:
     plant = Plant(0.031, 0.142, gain=0.99)
-    found = cell_returns(DESIGN, [Box(plant, plant)], 1.2, 1.2, RATE)[0]
+    _, found = cell_claims(DESIGN, [Box(plant, plant)], 1.2, 1.2, RATE, STILL)[0]
     for entry, claims in enumerate(
         ((found.position, found.nominal), (found.position_velocity, found.nominal_velocity))
     ):
@@ -58,7 +63,9 @@ def test_for_one_plant_and_one_gain_it_is_what_happens() -> None:
 
 
 def test_faster_returns_are_less_certain_and_none_is_faster_than_the_loop(returned: Return) -> None:
-    slower = box_return(DESIGN, BOX, CUTS, 1.0, 1.5, 0.2)
+    _, slower = box_claims(DESIGN, BOX, CUTS, 1.0, 1.5, 0.2, STILL)
     assert slower.nominal < returned.nominal
     assert slower.position < returned.position
-    assert box_return(DESIGN, BOX, CUTS, 1.0, 1.5, 60.0) == Return(60.0, *[math.inf] * 4)
+    tube, none = box_claims(DESIGN, BOX, CUTS, 1.0, 1.5, 60.0, STILL)
+    assert none == Return(60.0, *[math.inf] * 4)
+    assert astuple(tube) == pytest.approx(astuple(box_tube(DESIGN, BOX, CUTS, 1.0, 1.5, STILL)), rel=1e-12)

@@ -139,8 +139,8 @@ def test_a_cap_of_the_gain_above_the_smallest_destabilising_switching_is_refuted
     assert 3.0 < limit < 2.0 / (axis.design.rate * PERIOD) * 1.05
     share, claims = 0.8, []
     for axis in flight.axes:
-        axis = replace(axis, tube=axis.proved(1.0, share * limit, ASSUMPTIONS))
-        claims.append(replace(axis, back=axis.returned(1.0, share * limit, 0.0)))
+        tube, back = axis.claims(1.0, share * limit, ASSUMPTIONS)
+        claims.append(replace(axis, tube=tube, back=back))
     for factor, refuted in ((share, False), (1.03, True)):
         gain = factor * limit
         capped = replace(flight, gain_max=gain, horizontal=claims[0], vertical=claims[1])

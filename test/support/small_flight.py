@@ -25,8 +25,7 @@ def flight_of(
     """Return a section for gains from 1 on that claims what is proved, hardly enlarged; margin, disturbance: m/s^2."""
     proved = []
     for axis in (sides, upright):
-        tube = asdict(axis.proved(1.0, gain_max, assumptions))
-        back = asdict(axis.returned(1.0, gain_max, assumptions.pose_age))
+        tube, back = map(asdict, axis.claims(1.0, gain_max, assumptions))
         larger = {name: value * (_ROOM if name != "rate" else 1.0) for name, value in back.items()}
         tube = {name: value * _ROOM for name, value in tube.items()}
         proved.append(replace(axis, tube=Tube(**tube), back=Return(**larger)))
