@@ -7,9 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, Certificate, load_certificate
+from flatsat_ros.crazyflie.fit import LINK_DELAY
 from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
-from flatsat_ros.demo.scenario import LINK_DELAY, PAPER_WAYPOINTS, POSE_NOISE, VEHICLE, gentle_swap
+from flatsat_ros.demo.scenario import PAPER_WAYPOINTS, POSE_NOISE, VEHICLE, gentle_swap
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import Policy

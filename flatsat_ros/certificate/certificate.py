@@ -32,7 +32,7 @@ from flatsat_ros.law.input_set import InputSet
 
 # What a controller flies by default: for the vehicle profile that it takes by default, and what the flight layer's
 # reactions to faults were flown with.
-DEFAULT_CERTIFICATE = "cf21_50hz"
+DEFAULT_CERTIFICATE = "cf21_adaptive_50hz"
 # What the demo flies and what is planned for by default: it has a flight section, for the same vehicle.
 FLIGHT_CERTIFICATE = "cf21_adaptive_50hz"
 

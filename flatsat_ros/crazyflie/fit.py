@@ -12,6 +12,8 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight_plant import Plant
 from flatsat_ros.crazyflie.vehicle import Dynamics, VehicleProfile
 
+# s, from a command to the drone, which a controller takes for granted by default: computer and radio
+LINK_DELAY = 0.028
 # an attitude loop that is damped less is no first-order lag
 _UNDERDAMPED = 0.75
 # figures in files are rounded, relative

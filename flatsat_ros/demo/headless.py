@@ -8,11 +8,12 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.crazyflie.fit import LINK_DELAY
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint, input_from_setpoint
 from flatsat_ros.demo.choreography import Stage, perform
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
-from flatsat_ros.demo.scenario import GAMMA_0, LINK_DELAY, MU, POSE_NOISE, V_INF, VEHICLE, Scenario, record_of
+from flatsat_ros.demo.scenario import GAMMA_0, MU, POSE_NOISE, V_INF, VEHICLE, Scenario, record_of
 from flatsat_ros.flight import telemetry
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.pilot import Pilot

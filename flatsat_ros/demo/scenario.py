@@ -14,7 +14,7 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, Certificate, load_certificate
-from flatsat_ros.crazyflie.fit import require_fit
+from flatsat_ros.crazyflie.fit import LINK_DELAY, require_fit
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
 from flatsat_ros.flight.path_limits import Box
@@ -37,7 +37,6 @@ LEAD = 0.5  # s from sending the trajectories to their start
 _BESIDE = 0.06  # m, that drones of a plan stand farther apart than the rules of take-off and landing keep them
 _SEPARATION_MIN = 0.1  # m
 _LOWEST, _BELOW = 0.3, 0.5  # m above the floor, that references are at least; that the floor is put below others
-LINK_DELAY = 0.028  # s, from a command to the simulated drone in the default flight
 
 
 @dataclass(frozen=True, eq=False)

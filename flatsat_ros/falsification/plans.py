@@ -19,7 +19,7 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight_tube import Assumptions
-from flatsat_ros.crazyflie.fit import require_fit
+from flatsat_ros.crazyflie.fit import LINK_DELAY, require_fit
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import Policy
@@ -33,7 +33,7 @@ from flatsat_ros.sim.dynamics import Wind
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.sensor import MotionCapture
 
-_VEHICLE, _LINK_DELAY = "cf21", 0.028  # as in the demo
+_VEHICLE = "cf21"  # as in the demo
 _DRONES = 720  # flown at once, about: more of them cost less each
 _BESIDE = 30.0  # m, between copies of a plan
 _GIVEN, _SETTLED = 0.5, 1.5  # s, when the references are given, and begin: drones are in their tubes, not yet at rest
@@ -77,7 +77,7 @@ def attack(plan: Plan, certificate: Certificate, seed: int) -> Attack:
         raise FlatsatError(f"certificate {certificate.name!r} has no flight section: it claims no tubes to attack")
     require_tubes(plan, certificate)
     vehicle = load_vehicle(_VEHICLE)
-    require_fit(certificate, vehicle, _LINK_DELAY, "the simulated drones")
+    require_fit(certificate, vehicle, LINK_DELAY, "the simulated drones")
     random = np.random.default_rng(seed)
     copies = max(1, _DRONES // len(plan.drones))
     paths = [_moved(plan.trajectory(drone.name), copy * _BESIDE) for copy in range(copies) for drone in plan.drones]
@@ -90,7 +90,7 @@ def attack(plan: Plan, certificate: Certificate, seed: int) -> Attack:
         seed=seed,
         capture=_capture(random, flight.assumptions, certificate.period),
         thrust_scale=random.uniform(*gains, len(paths)),
-        command_delay=_LINK_DELAY,
+        command_delay=LINK_DELAY,
         floor=-_FAR,  # the origin of a plan need not be on the floor, and drones begin in the air
     )
     # copies are far apart, and the drones of one are kept apart by the plan, not by the rules of separation

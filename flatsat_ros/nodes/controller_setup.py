@@ -8,7 +8,7 @@ from rclpy.node import Node
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, Certificate, load_certificate
-from flatsat_ros.crazyflie.fit import another, require_fit
+from flatsat_ros.crazyflie.fit import LINK_DELAY, another, require_fit
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.crazyflie.wire import YawMode
 from flatsat_ros.flight.policy import Policy
@@ -65,7 +65,7 @@ def declare_setup(node: Node) -> Setup:
                 + another(certificate, vehicle)
             )
     link_delay = declare(
-        node, "link_delay", 0.028, "from a command to the drone: computer, radio", unit="s", bounds=(0.0, 0.5)
+        node, "link_delay", LINK_DELAY, "from a command to the drone: computer, radio", unit="s", bounds=(0.0, 0.5)
     )
     for robot, vehicle in zip(robots, vehicles, strict=True):
         require_fit(certificate, vehicle, link_delay, robot)

@@ -20,6 +20,7 @@ from std_srvs.srv import Trigger
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import refusal
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot
+from flatsat_ros.crazyflie.fit import LINK_DELAY
 from flatsat_ros.crazyflie.wire import Backend
 from flatsat_ros.nodes import crazyswarm
 from flatsat_ros.nodes.ros import interfaces, messages, server_messages
@@ -140,7 +141,12 @@ class SimDrone(ProgramNode):
                 self, "thrust_scale", 1.0, "force over what the vehicle profile promises", bounds=(0.1, 10.0)
             ),
             "command_delay": declare(
-                self, "command_delay", 0.0, "from a command's arrival here to the drone", unit="s", bounds=(0.0, 10.0)
+                self,
+                "command_delay",
+                LINK_DELAY,
+                "from a command's arrival here to the drone",
+                unit="s",
+                bounds=(0.0, 10.0),
             ),
             "wind": self._wind(),
             "capture": self._capture(),

@@ -12,6 +12,7 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import NANOSECONDS
 from flatsat_ros.base.errors import FlatsatError, one_line
 from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, load_certificate
+from flatsat_ros.crazyflie.fit import LINK_DELAY
 from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint, setpoint_from_command
 from flatsat_ros.falsification.faults.criteria import Outcome, Remark
@@ -117,7 +118,14 @@ class Scene:
         self.fleet = SimulatedFleet(
             self.vehicle,
             len(starts),
-            **{"start": places, "seed": seed, "floor": floor, "capture": MotionCapture(noise=NOISE), **fleet},
+            **{
+                "start": places,
+                "seed": seed,
+                "floor": floor,
+                "capture": MotionCapture(noise=NOISE),
+                "command_delay": LINK_DELAY,
+                **fleet,
+            },
         )
         for drone in stopped:
             self.fleet.firmware.request_emergency(drone)
