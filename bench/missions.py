@@ -19,7 +19,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, Certificate, load_certificate
+from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, Certificate, load_certificate
 from flatsat_ros.planning import Wishes, read_mission, rounds
 
 
@@ -39,7 +39,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("folders", nargs="+", type=Path)
     parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("--certificate", default=FLIGHT_CERTIFICATE)
+    parser.add_argument("--certificate", default=DEFAULT_CERTIFICATE)
     parser.add_argument("--tube", type=float)
     parser.add_argument("--match", default="", help="text in the names of the files")
     parser.add_argument("--each", action="store_true", help="a line for each mission")

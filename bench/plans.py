@@ -32,7 +32,7 @@ from report import table
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, Certificate, load_certificate
+from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, Certificate, load_certificate
 from flatsat_ros.planning import Asked, Mission, Wishes, read_mission, rounds
 from flatsat_ros.planning.improvement import _shapes as shapes_of_mission
 from flatsat_ros.planning.program import raising
@@ -229,7 +229,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--missions", type=Path, metavar="FOLDER")
     parser.add_argument("--seconds", type=float, default=SECONDS)
-    parser.add_argument("--certificate", default=FLIGHT_CERTIFICATE)
+    parser.add_argument("--certificate", default=DEFAULT_CERTIFICATE)
     parser.add_argument("--tube", type=float)
     given = parser.parse_args()
     certificate, wishes = load_certificate(given.certificate), Wishes(tube=given.tube)

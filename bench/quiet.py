@@ -27,7 +27,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, Certificate, load_certificate
+from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, Certificate, load_certificate
 from flatsat_ros.certificate.flight import Axis
 from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_tube import Tube
@@ -140,9 +140,9 @@ def flown(certificate: Certificate, vehicle: VehicleProfile, link_delay: float) 
 
 def packaged(delays: list[float]) -> Iterator[tuple[str, float, Stood]]:
     """Yield name, delay and what was flown with the default flight certificate as it is."""
-    certificate, vehicle = load_certificate(FLIGHT_CERTIFICATE), load_vehicle("cf21")
+    certificate, vehicle = load_certificate(DEFAULT_CERTIFICATE), load_vehicle("cf21")
     for delay in delays:
-        yield FLIGHT_CERTIFICATE, delay, flown(certificate, vehicle, delay)
+        yield DEFAULT_CERTIFICATE, delay, flown(certificate, vehicle, delay)
 
 
 def identified() -> Iterator[tuple[str, VehicleProfile]]:
@@ -158,7 +158,7 @@ def identified() -> Iterator[tuple[str, VehicleProfile]]:
 
 def loops(delays: list[float]) -> Iterator[tuple[str, float, Stood]]:
     """Yield name, delay and what was flown for loops of second order, with the soft controller."""
-    base, usual = load_certificate(FLIGHT_CERTIFICATE), load_vehicle("cf21")
+    base, usual = load_certificate(DEFAULT_CERTIFICATE), load_vehicle("cf21")
     plants = sides(usual, {}), upright(usual, {})
     for name, vehicle in identified():
         for delay in delays:
@@ -175,7 +175,7 @@ def unidentified(delays: list[float]) -> Iterator[tuple[str, float, Stood]]:
 
 def profiles(delays: list[float]) -> Iterator[tuple[str, float, Stood]]:
     """Yield name, delay and what was flown for the packaged profiles."""
-    base = load_certificate(FLIGHT_CERTIFICATE)
+    base = load_certificate(DEFAULT_CERTIFICATE)
     for name in PROFILES:
         vehicle = load_vehicle(name)
         thrust = max(min(base.limits.thrust_max, vehicle.thrust_max), _LEAST_THRUST * base.limits.gravity)

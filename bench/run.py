@@ -35,7 +35,7 @@ from tqdm import tqdm
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.files import make_folder, write_text
 from flatsat_ros.base.resources import config_path
-from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, Certificate, load_certificate
+from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, Certificate, load_certificate
 from flatsat_ros.paper import offset_free
 from flatsat_ros.planning import Wishes
 from flatsat_ros.synthesis.nominal import synthesize
@@ -208,7 +208,7 @@ def _compare_swaps(targets: list[Target]) -> dict[str, Any]:
     rows, results = [], {}
     for name, air in swap.AIR.items():
         before, now = swap.swaps(air)
-        for certificate, flown in ((swap.PRESENT, before), (swap.FLIGHT_CERTIFICATE, now)):
+        for certificate, flown in ((swap.PRESENT, before), (swap.DEFAULT_CERTIFICATE, now)):
             lengths = [flown.rms, *flown.furthest, *flown.tube]
             rows.append([f"{name}, {certificate}", *(f"{100.0 * length:.2f}" for length in lengths),
                          f"{flown.guaranteed:.0%}"])  # fmt: skip
@@ -226,7 +226,7 @@ def _compare_swaps(targets: list[Target]) -> dict[str, Any]:
 
 def _compare_plans(folder: Path | None, targets: list[Target]) -> list[dict[str, Any]]:
     """Plan missions of the benchmark's own, or those of a folder."""
-    certificate = load_certificate(FLIGHT_CERTIFICATE)
+    certificate = load_certificate(DEFAULT_CERTIFICATE)
     missions = (plans.drawn if folder is None else partial(plans.read, folder))(certificate, Wishes())
     results = list(tqdm(plans.compared(missions, plans.SECONDS), desc="plans", leave=False))
     print(f"Plans for {certificate.name}: durations over the bound and over ours; what is violated")

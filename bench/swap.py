@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, Certificate, load_certificate
+from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, Certificate, load_certificate
 from flatsat_ros.crazyflie.fit import LINK_DELAY
 from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
@@ -46,7 +46,7 @@ class Swap(NamedTuple):
 
 def swaps(air: Wind) -> tuple[Swap, Swap]:
     """Return the flights with the certificate without a flight section, and with the default one."""
-    default = load_certificate(FLIGHT_CERTIFICATE)
+    default = load_certificate(DEFAULT_CERTIFICATE)
     count = len(PAPER_WAYPOINTS)
     paths = [gentle_swap(default, PAPER_WAYPOINTS, index, count) for index in range(count)]
     vehicle = load_vehicle(VEHICLE)

@@ -32,7 +32,7 @@ from tqdm import tqdm
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, load_certificate
+from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, load_certificate
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.pilot import Pilot
@@ -118,7 +118,7 @@ def _read(bag: Path) -> int:
 
 def _flown() -> list[Recorded]:
     """Fly drones with noise and a path each; return what their topics would have carried, poses at 50 Hz."""
-    certificate, vehicle = load_certificate(FLIGHT_CERTIFICATE), load_vehicle("cf21")
+    certificate, vehicle = load_certificate(DEFAULT_CERTIFICATE), load_vehicle("cf21")
     names = [f"cf{number}" for number in range(1, _DRONES + 1)]
     policy = Policy()
     pilot = Pilot(certificate, Tuning(2.0, 0.05, 1.0, certificate.gain_max), policy, _DRONES)

@@ -21,7 +21,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Rectangle
 
 from flatsat_ros.base.colours import PICTURES
-from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, load_certificate
+from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, load_certificate
 from flatsat_ros.planning import Wishes, plan, read_mission
 from flatsat_ros.plans import Plan
 
@@ -96,7 +96,7 @@ def disc(axes: Axes, place: np.ndarray, radius: float, **style: object) -> None:
 
 def main() -> None:
     """Draw both."""
-    certificate = load_certificate(FLIGHT_CERTIFICATE)
+    certificate = load_certificate(DEFAULT_CERTIFICATE)
     for name, mission in (("plan", circle()), ("opening", opening())):
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / f"{name}.yaml"

@@ -30,11 +30,9 @@ from flatsat_ros.certificate.sets import Sets
 from flatsat_ros.certificate.verified import is_verified, remember
 from flatsat_ros.law.input_set import InputSet
 
-# What a controller flies by default: for the vehicle profile that it takes by default, and what the flight layer's
-# reactions to faults were flown with.
+# What is flown and planned for by default: for the vehicle profile and the link that a controller takes by default, and
+# what the flight layer's reactions to faults were flown with.
 DEFAULT_CERTIFICATE = "cf21_adaptive_50hz"
-# What the demo flies and what is planned for by default: it has a flight section, for the same vehicle.
-FLIGHT_CERTIFICATE = "cf21_adaptive_50hz"
 
 # A failure that is smaller, relatively, is one of the rounding with which a figure was written down.
 _ROUNDING = 1e-9

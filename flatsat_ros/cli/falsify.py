@@ -179,7 +179,7 @@ def _mutate(arguments: argparse.Namespace) -> int:
 def _fly_plans(arguments: argparse.Namespace) -> int:
     from functools import partial
 
-    from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, load_certificate
+    from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, load_certificate
     from flatsat_ros.falsification.plans import Attack, made, report, tasks
     from flatsat_ros.falsification.workers import results_of
     from flatsat_ros.plans import Plan
@@ -187,7 +187,7 @@ def _fly_plans(arguments: argparse.Namespace) -> int:
 
     shell.require_alone(arguments, "plans", "certificate", "runs", "seconds", "seed", "workers")
     runs, seconds, seed, workers = _asked(arguments, _FLIGHTS)
-    certificate = load_certificate(arguments.certificate or FLIGHT_CERTIFICATE)
+    certificate = load_certificate(arguments.certificate or DEFAULT_CERTIFICATE)
     plans = [Plan.load(path) for path in arguments.plans]
     for plan in plans:
         require_tubes(plan, certificate)

@@ -115,7 +115,7 @@ def _verify(path: Path, certificate: str | None) -> None:
 
 def _plan(arguments: argparse.Namespace) -> None:
     from flatsat_ros.base.errors import FlatsatError
-    from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, load_certificate
+    from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, load_certificate
     from flatsat_ros.planning.inputs import Wishes, read_mission
     from flatsat_ros.planning.planner import plan
 
@@ -126,7 +126,7 @@ def _plan(arguments: argparse.Namespace) -> None:
         raise FlatsatError("--force overwrites the output; without --output none is written")
     options = ("tube", "margin", "jerk_max", "snap_max", "speed_max", "clearance", "floor", "laps")
     given = {name: getattr(arguments, name) for name in options if getattr(arguments, name) is not None}
-    certificate = load_certificate(arguments.certificate or FLIGHT_CERTIFICATE)
+    certificate = load_certificate(arguments.certificate or DEFAULT_CERTIFICATE)
     name = (output or arguments.file).stem
     present = _present if arguments.from_poses else None
     mission = read_mission(arguments.file, certificate, Wishes(**given), name, present)

@@ -13,7 +13,7 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.base.resources import config_path
-from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, Certificate, load_certificate
+from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, Certificate, load_certificate
 from flatsat_ros.crazyflie.fit import LINK_DELAY, require_fit
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
@@ -224,9 +224,9 @@ def _require_room_on_the_floor(which: str, robots: Sequence[str], points: FloatA
 
 def default_certificate() -> tuple[Certificate, Path]:
     """Return the certificate of the whole loop that the demo flies, and its file."""
-    certificate = load_certificate(FLIGHT_CERTIFICATE)
+    certificate = load_certificate(DEFAULT_CERTIFICATE)
     require_fit(certificate, load_vehicle(VEHICLE), LINK_DELAY, "the demo's drones")
-    return certificate, config_path(FLIGHT_CERTIFICATE)
+    return certificate, config_path(DEFAULT_CERTIFICATE)
 
 
 def _certificate_of(folder: Path, rate: float | None) -> tuple[Certificate, Path]:

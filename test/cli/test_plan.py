@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, load_certificate
+from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, load_certificate
 from flatsat_ros.cli.plan import main
 from flatsat_ros.plans import Plan
 
@@ -49,7 +49,7 @@ def test_a_plan_is_written_and_proved_again(planned: Path, capsys: pytest.Captur
 
 def test_the_help_names_the_certificate_that_is_taken(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--help"]) == 0
-    assert f"default: {FLIGHT_CERTIFICATE}" in " ".join(capsys.readouterr().out.split())
+    assert f"default: {DEFAULT_CERTIFICATE}" in " ".join(capsys.readouterr().out.split())
 
 
 def test_present_places_come_from_a_process_and_its_refusal_is_told(
@@ -114,7 +114,7 @@ def test_what_is_refused_is_one_line(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("flatsat_ros.certificate.certificate.FLIGHT_CERTIFICATE", "paper_experiment")  # soon loaded
+    monkeypatch.setattr("flatsat_ros.certificate.certificate.DEFAULT_CERTIFICATE", "paper_experiment")  # soon loaded
     capsys.readouterr()
     assert main([option.format(file=waypoints, plan=planned, other=other) for option in options]) == 2
     error = capsys.readouterr().err

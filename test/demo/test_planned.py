@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
-from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, load_certificate
+from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, load_certificate
 from flatsat_ros.demo import exchange, headless
 from flatsat_ros.demo.record import RobotRecord, failures
 from flatsat_ros.demo.scenario import planned, record_of
@@ -22,13 +22,13 @@ from flatsat_ros.planning import Round
 from flatsat_ros.plans import Curve, Plan, PlannedDrone
 from flatsat_ros.plans.tubes import promise
 
-CERTIFICATE = load_certificate(FLIGHT_CERTIFICATE)
+CERTIFICATE = load_certificate(DEFAULT_CERTIFICATE)
 
 
 @pytest.fixture(autouse=True)
 def loaded(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its proof takes seconds: once is enough."""
-    found = CERTIFICATE, config_path(FLIGHT_CERTIFICATE)
+    found = CERTIFICATE, config_path(DEFAULT_CERTIFICATE)
     monkeypatch.setattr("flatsat_ros.demo.scenario.default_certificate", lambda: found)
     monkeypatch.setattr("flatsat_ros.demo.exchange.default_certificate", lambda: found)
 

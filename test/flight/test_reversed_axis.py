@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from flatsat_ros.certificate.certificate import load_certificate
+from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, load_certificate
+from flatsat_ros.crazyflie.fit import LINK_DELAY
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.flight.modes import Mode
@@ -35,9 +36,10 @@ def reversed_axes(_time: float, index: int, setpoint: WireSetpoint) -> list[tupl
 
 
 def test_a_reversed_axis_is_noticed_in_a_hover_before_the_drone_has_gone_far() -> None:
-    certificate, count = load_certificate("cf21_50hz"), len(YAWS)
+    certificate, count = load_certificate(DEFAULT_CERTIFICATE), len(YAWS)
+    wind, capture = Wind(gust=0.05), MotionCapture(noise=5e-4)
     fleet = SimulatedFleet(
-        VEHICLE, count, start=STARTS, yaw=YAWS, seed=1, wind=Wind(gust=0.05), capture=MotionCapture(noise=5e-4)
+        VEHICLE, count, start=STARTS, yaw=YAWS, seed=1, wind=wind, capture=capture, command_delay=LINK_DELAY
     )
     policy = Policy(disturbance_max=0.8, thrust_error_max=0.25, drag=VEHICLE.dynamics.drag_z)
     pilot = Pilot(certificate, Tuning(2.0, 0.05, 1.0, certificate.gain_max), policy, count)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flatsat_ros.base.files import make_folder
-from flatsat_ros.certificate.certificate import load_certificate
+from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, load_certificate
 from flatsat_ros.demo.live import Live
 from flatsat_ros.demo.processes import command_of, end, start
 from flatsat_ros.falsification.soak.usage import left, present, sample
@@ -21,7 +21,7 @@ from flatsat_ros.flight.modes import AIRBORNE, Mode
 if TYPE_CHECKING:
     from flatsat_ros.nodes.soak_lab import SoakLab
 
-CERTIFICATE, VEHICLE = "cf21_50hz", "cf21"
+VEHICLE = "cf21"
 NAMESPACE = "/soak"  # so that it never speaks to a drone of the user's
 FLIGHT = 300.0  # s, from one take-off to the next
 HEIGHT = 1.0  # m
@@ -50,7 +50,7 @@ def fly(drones: int, seconds: float, folder: Path, tell: Callable[[str], None]) 
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     make_folder(folder)
     robots = [f"cf{number}" for number in range(1, drones + 1)]
-    soak = Soak(drones, load_certificate(CERTIFICATE).period)
+    soak = Soak(drones, load_certificate(DEFAULT_CERTIFICATE).period)
     nodes: dict[str, subprocess.Popen[bytes]] = {}
     before = present()  # of others, or left behind by others
     with conducting(robots, NAMESPACE, SoakLab) as lab:
@@ -75,7 +75,12 @@ def _places(drones: int) -> np.ndarray:
 def _commands(robots: list[str]) -> dict[str, list[str]]:
     names = f"[{','.join(robots)}]"
     starts = str([entry for place in _places(len(robots)).tolist() for entry in place])
-    controller = {"robot_names": names, "certificate": CERTIFICATE, "vehicle": VEHICLE, "takeoff_height": repr(HEIGHT)}
+    controller = {
+        "robot_names": names,
+        "certificate": DEFAULT_CERTIFICATE,
+        "vehicle": VEHICLE,
+        "takeoff_height": repr(HEIGHT),
+    }
     return {
         "sim_drone": command_of(
             "sim_drone", NAMESPACE, {"robot_names": names, "vehicle": VEHICLE, "start_positions": starts}
