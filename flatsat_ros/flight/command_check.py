@@ -41,7 +41,9 @@ class CommandCheck:
         self._stiff, self._source, self._period = certificate.flight is not None, yaw_source, period
         turns = yaw_source is not YawSource.MEASURED
         self._astray = AstrayDetector(count, period, self._late, turns=turns, wary=self._stiff)
-        self._places = np.zeros((_PLACES + 1, count, 2))  # at the last looks, newest last, m
+        # at the last looks, newest last: where each was measured, m, and when, s; and what follows of that, m/s
+        self._places, self._stamps = np.zeros((_PLACES + 1, count, 2)), np.zeros((_PLACES + 1, count))
+        self._velocity = np.zeros((count, 2))
         self._turns = np.zeros(count)  # corrections of yaws that are learnt from motion, rad, not yet made
         self._settling = np.zeros(count)  # s, until the yaw may be found wrong again
         self.assumed: np.ndarray | None = None
@@ -55,7 +57,8 @@ class CommandCheck:
     def look(
         self,
         push: FloatArray,
-        estimated: FloatArray,
+        velocity: FloatArray,
+        measured: tuple[FloatArray, FloatArray] | None,
         yaw: FloatArray,
         judged: np.ndarray,
         unseen: np.ndarray | None,
@@ -65,17 +68,15 @@ class CommandCheck:
 
         Args:
             push: (N, 2) horizontal change of velocity that was commanded since the last look, m/s.
-            estimated: (N, 9) position, velocity, disturbance: m, m/s, m/s^2.
+            velocity: (N, 2) estimated, m/s.
+            measured: (N,) stamps of the newest poses, s, and their positions (N, 3), m; None: the estimate serves.
             yaw: (N,) psi, rad.
             judged: (N,) who is in the air and steered.
             unseen: (N,) whose yaw is assumed, or learnt from motion, see `take_turns`; nobody's if None.
             told: (N,) of whom it has been told that they go astray.
         """
-        velocity = estimated[:, 3:5]
-        if self._stiff:
-            self._places[:-1] = self._places[1:]
-            self._places[-1] = estimated[:, :2]
-            velocity = (self._places[-1] - self._places[0]) / (_PLACES * self._period)
+        if self._stiff and measured is not None:
+            velocity = self._measured_velocity(*measured)
         assumed = self.assumed = unseen if self._source is YawSource.ASSUMED else None
         astray = self._astray.astray(push, velocity, yaw, judged, assumed)
         if assumed is not None:
@@ -83,6 +84,20 @@ class CommandCheck:
         elif unseen is not None and any_of(unseen):
             return self._learn_yaw(astray, unseen & judged)
         return astray
+
+    def _measured_velocity(self, stamps: FloatArray, places: FloatArray) -> FloatArray:
+        """Return how fast the drones were over the last looks by nothing but measured places, (N, 2) m/s.
+
+        What estimates places changes once some drone is steered no more: those of all would move by what a wrong sign
+        has made of them.
+        """
+        self._places[:-1], self._stamps[:-1] = self._places[1:], self._stamps[1:]
+        self._places[-1], self._stamps[-1] = places[:, :2], np.maximum(stamps, 0.0)
+        elapsed = self._stamps[-1] - self._stamps[0]
+        moved = elapsed > 0.0
+        way = (self._places[-1] - self._places[0]) / np.where(moved, elapsed, 1.0)[:, np.newaxis]
+        self._velocity = np.where(moved[:, np.newaxis], way, self._velocity)
+        return self._velocity
 
     def answer(self, index: int) -> FloatArray | None:
         """Return what comes of what is commanded to drone index, see `AstrayDetector.answer`."""

@@ -180,6 +180,7 @@ class Senses:
         landing: np.ndarray,
         unseen: np.ndarray | None = None,
         newest: FloatArray | None = None,
+        measured: FloatArray | None = None,
     ) -> np.ndarray:
         """Learn from one tick; return who is steered in the air, away from the ground, (N,).
 
@@ -192,6 +193,7 @@ class Senses:
             landing: (N,) who lands, and may be carried by something when it is low.
             unseen: (N,) whose yaw is assumed, or learnt from motion, see `take_turns`; nobody's by default.
             newest: (N,) stamps of the newest poses, s; by default there are new ones.
+            measured: (N, 3) positions measured then, m; given with the stamps.
         """
         self._acceleration = acceleration
         self._push = self._push + self._tick * acceleration
@@ -220,7 +222,9 @@ class Senses:
         self.thrust.learn(acceleration[:, 2] + self._gravity, disturbance[:, 2], learning, lifting, span)
         # what carries a drone lets nothing come of its commands, which is not taken for a wrong sign
         judged = (flying & ~standing) | self.braking.active
-        astray = self._command_check.look(self._push[:, :2], estimated, yaw, judged, unseen, self._gone_astray)
+        seen = None if newest is None or measured is None else (newest, measured)
+        velocity, told = estimated[:, 3:5], self._gone_astray
+        astray = self._command_check.look(self._push[:, :2], velocity, seen, yaw, judged, unseen, told)
         self._reports += self._command_check.reports()
         self._gone_astray = self._gone_astray | astray
         if any_of(self.braking.active):

@@ -115,7 +115,15 @@ class ControlStep:
         assessment = parts.loop.assess(output, acceleration, flying)
         guessed = None if parts.orientations.measured else unseen
         free = senses.note(
-            commanded, estimated, error, estimator.yaw, flying, guidance.landing, guessed, estimator.newest
+            commanded,
+            estimated,
+            error,
+            estimator.yaw,
+            flying,
+            guidance.landing,
+            guessed,
+            estimator.newest,
+            estimator.measured,
         )
         if parts.orientations.from_motion and senses.looked:
             estimator.yaw += senses.take_turns()
