@@ -23,6 +23,7 @@ from flatsat_ros.falsification.faults.accepted import (
     FAULTS_MAX,
     NEVER,
     Accepted,
+    accepted_rows,
     require_failing,
     require_sound,
 )
@@ -130,6 +131,14 @@ def test_a_row_that_passes_may_not_stay_accepted() -> None:
     require_failing([row(fault="gusts_2", passed=False), row()], [accepted()])
     with pytest.raises(FlatsatError, match="'gusts_2:hover': must be rows that break a bound"):
         require_failing([row(fault="gusts_2")], [accepted()])
+
+
+def test_what_is_accepted_with_other_certificates_is_not_with_the_default_one() -> None:
+    entry = accepted(phases=("hover",), others=("swap",))
+    require_sound([entry], EXISTING)
+    require_failing([row(fault="gusts_2", phase="swap")], [entry])
+    assert accepted_rows(DEFAULT_CERTIFICATE, [entry]) == {("gusts_2", "hover")}
+    assert accepted_rows("soft", [entry]) == {("gusts_2", "hover"), ("gusts_2", "swap")}
 
 
 def test_a_flight_without_a_fault_passes_and_comes_out_the_same_in_another_process() -> None:

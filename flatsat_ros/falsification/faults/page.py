@@ -144,10 +144,11 @@ def _accepted(found: Mapping[tuple[str, str], Row]) -> str:
     """Return what happens in the rows that are accepted, and what a user must do."""
     lines = []
     for entry in ACCEPTED:
-        rows = [found[entry.fault, phase] for phase in entry.phases if (entry.fault, phase) in found]
-        if any(row.accepted for row in rows):
-            lines.append(f"- `{entry.fault}` ({', '.join(entry.phases)}): {entry.happens} What to do: {entry.advice}\n")
-            lines += [f"  - {row.phase}: {'; '.join(row.broken)}\n" for row in rows if row.accepted]
+        rows = [found[entry.fault, phase] for phase in entry.all_phases if (entry.fault, phase) in found]
+        if broken := [row for row in rows if row.accepted]:
+            where = ", ".join(row.phase for row in broken)
+            lines.append(f"- `{entry.fault}` ({where}): {entry.happens} What to do: {entry.advice}\n")
+            lines += [f"  - {row.phase}: {'; '.join(row.broken)}\n" for row in broken]
     return "".join(lines)
 
 

@@ -184,7 +184,7 @@ def row_of(
         fault=name,
         phase=phase,
         passed=not problems,
-        accepted=bool(problems) and (name, phase) in accepted_rows(),
+        accepted=bool(problems) and (name, phase) in accepted_rows(certificate),
         impact_m_s=max((_rounded(outcome.impact) or 0.0 for outcome in own if outcome.met), default=None),
         distance_m=_rounded(float(np.max([outcome.distance for outcome in own], initial=-np.inf))),
         said=list(said)[:_REMARKS],
