@@ -101,18 +101,19 @@ ACCEPTED: tuple[Accepted, ...] = (
     ),
     Accepted(
         "commands_late_0.2s",
-        ("swap",),
-        "A loop whose commands come 0.1 s later than its certificate assumes is unstable: it swings by 0.31 m until "
-        "it is flown softly.",
+        ("moving", "take-off", "swap"),
+        "A loop whose commands come 0.1 s later than its certificate assumes is unstable: it swings, by up to 0.46 m "
+        "until it is flown softly, and again when that ends.",
         _LATE,
     ),
     Accepted(
         "commands_late_0.3s",
-        (),
-        "Commands so much later than a certificate without a flight section allows for make it swing up and down until "
-        "it is told to sink, at the speed that it has by then: it meets the floor with up to 1.9 m/s.",
+        ("hover",),
+        "Commands so much later than the certificate allows for make it swing up and down until it is told to sink, at "
+        "the speed that it has by then: it meets the floor with up to 1.1 m/s, with certificates without a flight "
+        "section 1.9 m/s.",
         _LATE,
-        others=("hover", "take-off", "swap"),
+        others=("take-off", "swap"),
     ),
 )
 
