@@ -83,6 +83,32 @@ def _timed(mission: Mission, late: Callable[[], bool]) -> Round:
     closed = mission.is_closed
     shapes = shapes_of(legs, closed=closed) if alone else shapes_of(legs, _LEG, closed=closed)
     duration = float(shapes.lengths.sum()) / 1e6
+    if alone:
+        points = smoothest(shapes, mission.drones[0], duration, mission.limits, mission.bounds)
+        curves = None if points is None else (_curve(shapes, points, 1),)
+        broken = "the solver finds none" if curves is None else broken_limit(mission, curves)
+        if curves is not None and broken is None:
+            return Round(curves, duration)
+        _require_long_enough(mission, shapes, duration)
+    else:
+        search = Search(_swarm(mission, shapes))
+        for number, beginning in enumerate(_beginnings(mission, math.inf)):
+            found, _, broken = _settled(mission, search, search.begin(*beginning), 1, late, _MORE_STEPS)
+            if found is not None:
+                return Round(found, duration)
+            if number == 0:  # it takes a while to know, and is not needed where all is well
+                _require_long_enough(mission, shapes, duration)
+    raise FlatsatError(
+        f"way-points at these times: no references found that keep the limits; last was broken: {broken}"
+    )
+
+
+def _require_long_enough(mission: Mission, shapes: Shapes, duration: float) -> None:
+    """Refuse given times that are too short for a drone alone.
+
+    Raises:
+        FlatsatError: they are; the text says how many times as long they must be.
+    """
     for drone in mission.drones:
         own = shortest(shapes, drone, mission.limits, mission.bounds)
         if own is None:
@@ -94,21 +120,6 @@ def _timed(mission: Mission, late: Callable[[], bool]) -> Round:
                 f"times of way-points of {drone.name}: must be at least {factor:.3f} times as long; the smoothest "
                 f"reference through them breaks {broken_limit(mission, smooth) or 'nothing, but there is a better one'}"
             )
-    if alone:
-        points = smoothest(shapes, mission.drones[0], duration, mission.limits, mission.bounds)
-        curves = None if points is None else (_curve(shapes, points, 1),)
-        broken = "the solver finds none" if curves is None else broken_limit(mission, curves)
-        if curves is not None and broken is None:
-            return Round(curves, duration)
-    else:
-        search = Search(_swarm(mission, shapes))
-        for beginning in _beginnings(mission, math.inf):
-            found, _, broken = _settled(mission, search, search.begin(*beginning), 1, late, _MORE_STEPS)
-            if found is not None:
-                return Round(found, duration)
-    raise FlatsatError(
-        f"way-points at these times: no references found that keep the limits; last was broken: {broken}"
-    )
 
 
 def _together(mission: Mission, late: Callable[[], bool]) -> Iterator[Round]:
