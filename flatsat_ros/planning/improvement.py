@@ -53,15 +53,15 @@ def rounds(mission: Mission, late: Callable[[], bool]) -> Iterator[Round]:
     elif mission.times is not None:
         yield _timed(mission, late)
     elif len(mission.drones) == 1 and not mission.obstacles:
-        yield _alone(mission)
+        yield _alone(mission, late)
     else:
         yield from _together(mission, late)
 
 
-def _alone(mission: Mission) -> Round:
+def _alone(mission: Mission, late: Callable[[], bool]) -> Round:
     """Return the shortest reference of one drone, as smooth as that duration allows."""
     (drone,) = mission.drones
-    found = shortest_legs(drone, mission.limits, mission.bounds, closed=mission.is_closed)
+    found = shortest_legs(drone, mission.limits, mission.bounds, late, closed=mission.is_closed)
     if found is None:
         raise _no_way(drone.name, mission)
     legs, bound = found
@@ -115,10 +115,13 @@ def _require_long_enough(mission: Mission, shapes: Shapes, duration: float) -> N
             raise _no_way(drone.name, mission)
         if own[1] > duration:
             factor = math.ceil(1e3 * _RELAXED[0] * own[1] / duration) / 1e3
-            smooth = (_curve(shapes, shapes.fixed @ drone.waypoints, 1),)
+            try:
+                broken = broken_limit(mission, (_curve(shapes, shapes.fixed @ drone.waypoints, 1),))
+            except FlatsatError as error:  # so much that it is nowhere near what can be proved
+                broken = f"all of them: {error}"
             raise FlatsatError(
                 f"times of way-points of {drone.name}: must be at least {factor:.3f} times as long; the smoothest "
-                f"reference through them breaks {broken_limit(mission, smooth) or 'nothing, but there is a better one'}"
+                f"reference through them breaks {broken or 'nothing, but there is a better one'}"
             )
 
 
@@ -172,7 +175,7 @@ def bound_of(mission: Mission) -> float:
         raise FlatsatError("polynomials are only slowed down: larger bounds make no plan shorter")
     if len(mission.drones) > 1 or mission.obstacles:
         return _bound(mission, _shapes(mission))
-    found = shortest_legs(mission.drones[0], mission.limits, mission.bounds, closed=mission.is_closed)
+    found = shortest_legs(mission.drones[0], mission.limits, mission.bounds, lambda: False, closed=mission.is_closed)
     if found is None:
         raise _no_way(mission.drones[0].name, mission)
     return found[1]

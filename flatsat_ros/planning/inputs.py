@@ -190,7 +190,7 @@ def _from_yaml(
         "laps": None,
     } | document
     values = section("the mission", given, ("drones", "body", "downwash", "times", "box", "obstacles", "laps"))
-    if not isinstance(values["drones"], dict):
+    if not isinstance(values["drones"], dict) or not values["drones"]:
         raise refusal(
             "drones",
             values["drones"],

@@ -8,14 +8,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
-from flatsat_ros.base.errors import FlatsatError, refusal, require, require_fields, require_not_negative
+from flatsat_ros.base.errors import (
+    FlatsatError,
+    refusal,
+    require,
+    require_fields,
+    require_not_negative,
+    require_number,
+    require_positive,
+)
 from flatsat_ros.certificate.flight import Flight
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.plans import Bounds, Box, Curve, Tube
+from flatsat_ros.plans.drone import require_name
 from flatsat_ros.plans.laps import require_laps
 from flatsat_ros.plans.obstacles import require_distinct
 from flatsat_ros.plans.plan import require_downwash
 
+FARTHEST = 500.0  # m from the origin, along each axis
 _APART = 1e-3  # m: way-points that follow each other are at least so far apart, or a leg has no length
 _DURATION = 3600.0  # s, at most
 
@@ -51,9 +61,14 @@ class Asked:
         return self.waypoints if self.given is None else np.array(self.given.points) * 1e-9
 
     def __post_init__(self) -> None:
+        require_name(self.name)
+        require_fields(self, require_positive, body="m")
+        require_fields(self, require_number, yaw="rad")
         waypoints = finite_array(f"way-points of {self.name}", self.waypoints, 3)
         if waypoints.ndim != 2 or len(waypoints) < 2:
             raise refusal(f"shape of the way-points of {self.name}", waypoints.shape, "", "(W, 3) with W >= 2")
+        farthest = float(np.abs(waypoints).max())
+        require(farthest <= FARTHEST, f"a way-point of {self.name}", farthest, "m", f"within {FARTHEST:g} m")
         object.__setattr__(self, "waypoints", np.round(waypoints, 9))  # nanometres, as in a plan
         if self.radii is not None:
             radii = finite_array(f"radii of {self.name}", self.radii)
@@ -182,7 +197,7 @@ class Mission:
                 if not low <= value <= high:
                     valid = f"from {low:.6g} to {high:.6g} m, in the box of the references"
                     raise refusal(f"{axis} of way-point {number} of {drone.name}", value, "m", valid)
-        if len(drone.waypoints) > 2 and self.times is None:
+        if drone.given is None and self.times is None:
             ways = np.linalg.norm(np.diff(drone.waypoints, axis=0), axis=1)
             if ways.min() < _APART and len(self.drones) == 1:
                 number = int(ways.argmin()) + 2

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy import sparse
 
@@ -90,7 +92,7 @@ def smoothest(shapes: Shapes, drone: Asked, duration: float, limits: InputSet, b
 
 
 def shortest_legs(
-    drone: Asked, limits: InputSet, bounds: Bounds, *, closed: bool = False
+    drone: Asked, limits: InputSet, bounds: Bounds, late: Callable[[], bool], *, closed: bool = False
 ) -> tuple[FloatArray, float] | None:
     """Return the durations (W - 1,) of the legs for which the whole is shortest, s, and that duration.
 
@@ -101,6 +103,7 @@ def shortest_legs(
         drone: whose way-points are passed.
         limits: the input set.
         bounds: of the reference.
+        late: whether to be content with the best legs so far.
         closed: whether it begins again where it ends, instead of resting at both ends.
     """
     legs = np.sqrt(np.linalg.norm(np.diff(drone.waypoints, axis=0), axis=1) + 0.1)
@@ -111,6 +114,8 @@ def shortest_legs(
     legs *= best / legs.sum()
     radius = 0.25
     for _ in range(_STEPS):
+        if late():
+            break
         step = _linear_step(legs, points, drone, radius, limits, bounds, closed=closed)
         hoped = 0.0 if step is None else best - float(step.sum())
         if step is not None and hoped < _ENOUGH * best:

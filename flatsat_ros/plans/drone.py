@@ -40,6 +40,16 @@ class Waypoint(NamedTuple):
     radius: int = 0
 
 
+def require_name(name: object) -> None:
+    """Refuse a name of a drone that no robot can have.
+
+    Raises:
+        FlatsatError: it is not made of at most 64 letters, digits and underscores, or does not begin with a letter.
+    """
+    good = isinstance(name, str) and NAME.fullmatch(name) is not None
+    require(good, "name of a drone", name, "", "a letter, then letters, digits or _, at most 64 in all")
+
+
 @dataclass(frozen=True)
 class Tube:
     """How far a drone may be off its reference.
@@ -79,7 +89,7 @@ class PlannedDrone:
     waypoints: tuple[Waypoint, ...] = ()
 
     def __post_init__(self) -> None:
-        require(NAME.fullmatch(self.name) is not None, "name of a drone", self.name, "", "letters, digits, _")
+        require_name(self.name)
         require_fields(self, require_positive, body="m")
         require_fields(self, require_number, yaw="rad")
 

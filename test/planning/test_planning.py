@@ -166,7 +166,7 @@ def test_what_a_step_of_the_legs_hopes_for_is_about_what_it_gains() -> None:
     points, duration = first
     step = _linear_step(legs * (duration / legs.sum()), points, drone, 0.25, LIMITS, bounds)
     assert step is not None
-    second, best = shortest(shapes_of(step), drone, LIMITS, bounds), shortest_legs(drone, LIMITS, bounds)
+    second, best = shortest(shapes_of(step), drone, LIMITS, bounds), shortest_legs(drone, LIMITS, bounds, lambda: False)
     assert second is not None
     assert best is not None
     assert duration - second[1] > 0.8 * (duration - step.sum()) > 0.05 * duration
@@ -218,6 +218,14 @@ def test_given_times_are_kept_or_refused_with_what_would_do(alone: Plan) -> None
     assert "breaks cf1: margin, tilt_max by" in str(refused.value)
     factor = float(str(refused.value).partition("at least ")[2].partition(" ")[0])
     assert plan(mission(WAY.tolist(), times=factor * np.array([0.0, 1.0, 2.2, 3.2]))).duration < alone.duration * 1.6
+    with pytest.raises(FlatsatError, match=r"times of way-points of cf1: must be at least .* breaks all of them"):
+        plan(mission(WAY.tolist(), times=np.array([0.0, 1e-3, 2e-3, 3e-3])))
+
+
+def test_one_drone_is_content_with_the_legs_that_are_found_in_time(alone: Plan) -> None:
+    asked = mission(WAY.tolist())
+    found = finished(asked, next(rounds(asked, lambda: True)))
+    assert alone.duration < found.duration < 1.5 * alone.duration
 
 
 @pytest.fixture(scope="module")
@@ -414,7 +422,16 @@ def test_goals_are_gone_to_from_present_places(tmp_path: Path) -> None:
             "x,y,z,radius\n0,0,1,0\n0,1,1,-1\n0,0,1.2,0\n",
             "smallest radius of cf1 = -1.0 m: must be at least 0",
         ),
+        ("a.csv", "x,y,z\n0,0,1\n1e308,0,1\n", r"a way-point of cf1 = 1e\+308 m: must be within 500 m"),
+        (
+            "a.csv",
+            "x,y,z\n0,0,1\n0,0,1\n",
+            "distance of way-point 2 of cf1 from the one before = 0.0 m: must be at least",
+        ),
         ("a.yaml", "drones: [1]", "drones = .*: must be a mapping from names"),
+        ("a.yaml", "drones: {}", "drones = {}: must be a mapping from names"),
+        ("a.yaml", "drones: {a b: [[0, 0, 1], [1, 0, 1]]}", "name of a drone = 'a b': must be a letter, then letters"),
+        ("a.yaml", "drones: {a: [[0, 0, 1], [1, 0, 1]]}\nbody: -1", "body = -1 m: must be a number above 0"),
         ("a.yaml", "drones: {a: [[0, 0, 1], [1, 0, 1]]}\nspeed: 1.0", "unknown key 'speed'"),
         ("a.json", "{", "cannot be read"),
         (
