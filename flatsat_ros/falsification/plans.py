@@ -80,7 +80,8 @@ def attack(plan: Plan, certificate: Certificate, seed: int) -> Attack:
     require_fit(certificate, vehicle, LINK_DELAY, "the simulated drones")
     random = np.random.default_rng(seed)
     copies = max(1, _DRONES // len(plan.drones))
-    paths = [_moved(plan.trajectory(drone.name), copy * _BESIDE) for copy in range(copies) for drone in plan.drones]
+    own = [plan.trajectory(drone.name) for drone in plan.drones]
+    paths = [_moved(path, place) for place in _places(copies) for path in own]
     gains = flight.vertical.box.low.gain, flight.vertical.box.high.gain
     fleet = SimulatedFleet(
         vehicle,
@@ -163,10 +164,16 @@ class _Watch:
         return Attack(flights, float(self._outside.max()), nearest if math.isfinite(nearest) else None, breaches)
 
 
-def _moved(path: Trajectory, aside: float) -> Trajectory:
-    """Return a path so much farther along x, m."""
+def _places(copies: int) -> list[tuple[float, float]]:
+    """Return where copies are, m along x and y from where the plan is: on a square, as near to that as can be."""
+    side = math.ceil(math.sqrt(copies))
+    return [(_BESIDE * (number % side), _BESIDE * (number // side)) for number in range(copies)]
+
+
+def _moved(path: Trajectory, aside: tuple[float, float]) -> Trajectory:
+    """Return a path so much farther along x and y, m."""
     coefficients = path.coefficients.copy()
-    coefficients[:, 0, 0] += aside
+    coefficients[:, 0, :2] += aside
     return Trajectory(path.times, coefficients, path.yaw)
 
 

@@ -13,6 +13,7 @@ from flatsat_ros.base.strict_yaml import read_yaml
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.falsification import plans
 from flatsat_ros.falsification.plans import attack, report, tasks
+from flatsat_ros.flight.plausibility import PoseScreen
 from flatsat_ros.plans import Curve, Plan, PlannedDrone, Tube
 from flatsat_ros.plans.tubes import promise
 
@@ -58,6 +59,15 @@ def test_plans_below_the_origin_are_attacked_in_the_air_as_well(tube: Tube, monk
 def test_what_is_not_claimed_is_not_attacked(tube: Tube) -> None:
     with pytest.raises(FlatsatError, match="claims no tubes to attack"):
         attack(plan_of(tube), replace(FLYING, flight=None), 0)
+
+
+def test_copies_are_apart_and_no_farther_away_than_poses_are_believed() -> None:
+    places = np.array(plans._places(plans._DRONES))
+    assert len(np.unique(places, axis=0)) == plans._DRONES
+    assert np.diff(np.unique(places)).min() == 30.0
+    assert PoseScreen(1).refuse(
+        0, 0.0, [*places.max(axis=0), 1.0], [0.0, 0.0, 0.0, 1.0], 0.0, -1.0, [0.0] * 3, [0.0] * 9, True
+    ) is None  # fmt: skip
 
 
 def test_plans_take_turns() -> None:
