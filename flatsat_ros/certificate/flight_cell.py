@@ -107,27 +107,22 @@ class Cell:
         low, high = box.low, box.high
         second = low.frequency > 0.0
         self.delay, self.drag = box.middle("delay"), box.middle("drag")
-        name = "frequency" if second else "lag"
-        # of (q_0, q_1) four corners, and each of the others an interval
-        ends = [
-            replace(low, **{name: value, "gain": gain}).parameters[:2]
-            for value, gain in itertools.product(
-                _ends(getattr(low, name), getattr(high, name)), _ends(low.gain, high.gain)
-            )
+        # q_0, or (q_0, q_2), in a polygon; whatever they are, q_1 and q_3 are between two multiples of q_0
+        polygon = _second_order(low, high) if second else [(1 / decimal(lag),) for lag in _ends(low.lag, high.lag)]
+        gains, tilts = (
+            [decimal(value) for value in _ends(*ends)] for ends in ((low.gain, high.gain), (low.tilt, high.tilt))
+        )
+        corners = [
+            (q0, g * q0, *rest, *([tilt * q0] if second else []))
+            for (q0, *rest), g, tilt in itertools.product(polygon, gains, tilts)
         ]
-        names = "frequency", "damping", "tilt"
-        extremes = [
-            replace(low, **dict(zip(names, values, strict=True))).parameters[2:]
-            for values in itertools.product(*(_ends(getattr(low, name), getattr(high, name)) for name in names))
-        ]
-        others = [sorted({min(values), max(values)}) for values in zip(*extremes, strict=True)]
-        q = [(min(values) + max(values)) / 2 for values in (*zip(*ends, strict=True), *others)]
+        q = [(min(values) + max(values)) / 2 for values in zip(*corners, strict=True)]
         self.parameters = tuple(q)
         gain, tilt = q[1] / q[0], q[3] / q[0] if second else Fraction(0)
         late = (decimal(high.delay) - decimal(low.delay)) / 2
         delays, self.vertices = sorted({-late, late}), []
-        for end, rest, s in itertools.product(ends, itertools.product(*others), delays):
-            p = [value - mean for value, mean in zip((*end, *rest), q, strict=True)]
+        for corner, s in itertools.product(corners, delays):
+            p = [value - mean for value, mean in zip(corner, q, strict=True)]
             p[1] -= gain * p[0]
             if second:
                 p[3] -= tilt * p[0]
@@ -139,8 +134,8 @@ class Cell:
         self.changing = [max(abs(vertex[i]) for vertex in self.vertices) for i in range(len(q))]
         if not second:  # p_1 = (g - g^) q_0
             self.changing[1] = self.changing[0] * max(abs(error) for error in errors)
-        self.port_gain = max(q1 for _, q1 in ends)
-        self.port_gain_error = max(abs(q1 - q[1]) for _, q1 in ends)
+        self.port_gain = max(corner[1] for corner in corners)
+        self.port_gain_error = max(abs(corner[1] - q[1]) for corner in corners)
         self.drag_error = (decimal(high.drag) - decimal(low.drag)) / 2
         self.share_error = max(abs(1 / decimal(g) - 1 / gain) for g in (low.gain, high.gain))
 
@@ -149,6 +144,18 @@ class Cell:
         timing = Timing.of(design, self.delay, pose_age)
         acting = [tuple(index for index, _ in part) for part in (timing.plant, timing.plant_young)]
         return len(self.parameters), len(self.vertices), len(self.steady), timing.depth, *acting
+
+
+def _second_order(low: Plant, high: Plant) -> list[tuple[Fraction, Fraction]]:
+    """Return the corners of a polygon that holds all (wn^2, 2 zeta wn).
+
+    At a fixed zeta they are on a parabola, concave in wn^2: its chord bounds them from below, its tangents at both ends
+    from above, and they meet where wn^2 is the product of the frequencies and wn stands for their mean.
+    """
+    first, last = decimal(low.frequency), decimal(high.frequency)
+    least, most = 2 * decimal(low.damping), 2 * decimal(high.damping)
+    ends = [(wn * wn, zeta * wn) for wn, zeta in itertools.product((first, last), (least, most))]
+    return sorted({*ends, (first * last, most * (first + last) / 2)})
 
 
 def _ends(low: float, high: float) -> list[float]:

@@ -34,7 +34,7 @@ def write_flight(arguments: argparse.Namespace, output: Path | None) -> None:
     from flatsat_ros.law.input_set import InputSet
     from flatsat_ros.synthesis.flight_design import FlightDesign
     from flatsat_ros.synthesis.flight_search import Goal
-    from flatsat_ros.synthesis.flight_trade import require_tilt, searched, sentence, trade
+    from flatsat_ros.synthesis.flight_trade import proved, require_tilt, searched, sentence, trade
     from flatsat_ros.synthesis.flight_wishes import asked_for, assumed, sides, upright
 
     if arguments.vehicle is None:
@@ -66,9 +66,7 @@ def write_flight(arguments: argparse.Namespace, output: Path | None) -> None:
         axes.append(searched(goal, plants, _progress(), arguments.seconds or _SECONDS))
     design = FlightDesign(limits, gain, margin, _DISTURBANCE, _RETURN_RATE, assumptions, *axes)
     name = arguments.name or (output.stem if output else "unnamed")
-    certificate = design.certificate(
-        name, {"inputs": {"vehicle": vehicle.name, "assume": arguments.assume or _ASSUMED}}
-    )
+    certificate = proved(design, name, {"inputs": {"vehicle": vehicle.name, "assume": arguments.assume or _ASSUMED}})
     require_tilt(certificate)
     _finish(certificate, output)
     print("\n".join(trade(certificate)))

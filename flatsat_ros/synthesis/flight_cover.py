@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -13,7 +14,10 @@ from flatsat_ros.certificate.flight_plant import Design
 from flatsat_ros.certificate.flight_tube import Assumptions, Tube, cell_tubes
 
 # How much one figure matters against another, per width relative to its value; only the number of cells depends on it.
-_WEIGHTS = {"lag": 1.0, "gain": 1.25, "frequency": 2.0, "damping": 1.0, "tilt": 0.1, "drag": 0.05}
+_WEIGHTS = {"lag": 1.0, "gain": 1.25, "frequency": 3.5, "damping": 1.0, "tilt": 0.1, "drag": 0.05}
+
+# At least so many parts are cut in a round, if there are as many; only the time depends on it.
+_ROUND = 64
 
 
 @dataclass(frozen=True)
@@ -56,11 +60,29 @@ def corner_tube(
     return tube
 
 
+class CoverError(FlatsatError):
+    """The refusal of a box that cannot be covered with so many cells.
+
+    Attributes:
+        box: the plants.
+        figure: the one across which most parts were cut.
+    """
+
+    def __init__(self, text: str, box: Box, figure: str) -> None:
+        """Take over the text, the box and the figure."""
+        super().__init__(text)
+        self.box, self.figure = box, figure
+
+
+_UNBOUNDED = Tube(math.inf, math.inf, math.inf, math.inf)
+
+
 @dataclass
 class _Part:
-    """A part of a box: the figure across which it is cut, "" for a cell, and its halves."""
+    """A part of a box: its tube, the figure across which it is cut, "" for a cell, and its halves."""
 
     box: Box
+    tube: Tube = _UNBOUNDED
     cut: str = ""
     halves: tuple[_Part, ...] = ()
 
@@ -83,6 +105,8 @@ def cover(
 ) -> Cover:
     """Cut a box until every cell has a position tube of at most (1 + excess) times that of the worst corner.
 
+    Where that needs more cells than are made, the worst are cut first, and their tube is whatever comes of it.
+
     Args:
         design: the controller.
         box: the plants.
@@ -94,32 +118,42 @@ def cover(
         cells_max: more are not made.
 
     Raises:
-        FlatsatError: a corner has no tube, or so many cells do not do.
+        FlatsatError: a corner has no tube.
+        CoverError: so many cells do not do for a bounded tube.
     """
     worst = corner_tube(design, box, gain_min, gain_max, assumptions, lag_varies)
     aim = worst.position * (1.0 + excess)
     if not worst.position < math.inf:
         raise FlatsatError("tube of a corner of the box = inf m: must be bounded, with other gains or a smaller box")
     proved, root = Tube(0.0, 0.0, 0.0, 0.0), _Part(box)
-    count, waiting = 1, [root]
-    while waiting:
-        whole = [part for part in waiting if part.box.within_periods(design.period)]
-        boxes = [part.box for part in whole]
-        tubes = cell_tubes(design, boxes, gain_min, gain_max, assumptions, lag_varies)
-        done = set()
+    count, new, wide, cut = 1, [root], list[_Part](), Counter[str]()
+    while new:
+        whole = [part for part in new if part.box.within_periods(design.period)]
+        tubes = cell_tubes(design, [part.box for part in whole], gain_min, gain_max, assumptions, lag_varies)
         for part, tube in zip(whole, tubes, strict=True):
-            if tube.position <= aim or not _next_cut(part.box, design.period, lag_varies):
-                proved |= tube
-                done.add(id(part))
-        waiting = [part for part in waiting if id(part) not in done]
-        for part in waiting:
+            part.tube = tube
+        for part in new:
+            if part.tube.position <= aim or not _next_cut(part.box, design.period, lag_varies):
+                proved |= part.tube
+            else:
+                wide.append(part)
+        # the worst ones, so that what more cells can do is done where it matters most
+        wide.sort(key=lambda part: part.tube.position)
+        room = min(cells_max - count, max(_ROUND, (len(wide) + 1) // 2), len(wide))
+        parts, wide = wide[len(wide) - room :], wide[: len(wide) - room]
+        for part in parts:
             part.cut = _next_cut(part.box, design.period, lag_varies)
+            cut[part.cut] += 1
             first, second = part.box.halves(part.cut, design.period)
             part.halves = _Part(first), _Part(second)
-        count += 2 * len(waiting)
-        if count > 2 * cells_max:
-            raise FlatsatError(f"cells = more than {cells_max}: must be fewer, with a larger excess than {excess:g}")
-        waiting = [half for part in waiting for half in part.halves]
+        count += len(parts)
+        new = [half for part in parts for half in part.halves]
+    for part in wide:
+        proved |= part.tube
+    if not proved.position < math.inf:
+        figure = max(cut, key=lambda name: cut[name], default=_next_cut(box, design.period, lag_varies))
+        text = f"cells = more than {cells_max}: must be fewer, with narrower intervals of the plants"
+        raise CoverError(text, box, figure)
     return Cover(tuple(root.cuts()), proved, worst)
 
 

@@ -33,6 +33,9 @@ from flatsat_ros.synthesis.rounding import DIGITS, round_down, round_up
 # Digits of what is claimed, and by how much, relatively, a claim is above what was computed before it is rounded up.
 _DIGITS, _ABOVE = 5, 1e-6
 
+# Shares of the wished rate of return that are tried, one after another.
+_SLOWER = (1.0, 0.4, 0.16, 0.064)
+
 _FIGURES = ("period", "thrust_max_g", "tilt_max_deg", "gain_max", "margin", "disturbance", "return_rate")
 _AXIS = ("low", "high", "lag_varies", "model", "observer", "stiffness", "rate", "excess")
 
@@ -80,7 +83,7 @@ class FlightDesign:
         gain_max: largest applied gain.
         margin: m/s^2, of the reference's acceleration in V_c.
         disturbance: m/s^2, largest |D/g|.
-        return_rate: 1/s, of the way back into the tube.
+        return_rate: 1/s, of the way back into the tube; where so fast a one cannot be shown, a share of _SLOWER of it.
         assumptions: of the tube.
         horizontal: of x and y.
         vertical: of z.
@@ -151,14 +154,19 @@ class FlightDesign:
             design.lag_varies,
             design.excess,
         )
-        nothing = Return(self.return_rate, 1.0, 1.0, 1.0, 1.0)
+        nothing = Return(0.0, 1.0, 1.0, 1.0, 1.0)
         axis = Axis(design.box, design.lag_varies, design.design, found.cuts, found.tube, nothing)
-        _, back = axis.claims(1.0, self.gain_max, self.assumptions)
-        if not math.isfinite(back.nominal):
-            raise refusal("return_rate", self.return_rate, "1/s", "smaller, so fast a return cannot be shown")
+        for share in _SLOWER:
+            rate = share * self.return_rate
+            axis = replace(axis, back=replace(nothing, rate=rate))
+            _, back = axis.claims(1.0, self.gain_max, self.assumptions)
+            if math.isfinite(back.nominal):
+                break
+        else:
+            raise refusal("return_rate", self.return_rate, "1/s", "much smaller, no return so fast can be shown")
         tube = Tube(*(_above(value) for value in asdict(found.tube).values()))
         ways = {key: _above(value) for key, value in asdict(back).items() if key != "rate"}
-        return replace(axis, tube=tube, back=Return(self.return_rate, **ways))
+        return replace(axis, tube=tube, back=Return(rate, **ways))
 
 
 def _above(value: float) -> float:

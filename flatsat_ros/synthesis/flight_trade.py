@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight import Flight
+from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_tube import Assumptions
-from flatsat_ros.synthesis.flight_design import AxisDesign
+from flatsat_ros.crazyflie.intervals import Interval
+from flatsat_ros.synthesis.flight_cover import CoverError, cover
+from flatsat_ros.synthesis.flight_design import AxisDesign, FlightDesign
 from flatsat_ros.synthesis.flight_search import Goal, corner_boxes, search
 from flatsat_ros.synthesis.flight_wishes import Plants, asked_for
 
@@ -28,6 +32,9 @@ _UNITS = {
 # Share of a wish that is given up to see whether the rest can be had, and how long that is looked for, s.
 _LESS = 0.5
 _LOOK = 10.0
+
+# How many intervals of plants are halved, one after another, to see with which there is a proof.
+_HALVED = 6
 
 
 def sentence(certificate: Certificate) -> str:
@@ -166,3 +173,54 @@ def _lesser(goal: Goal, plants: Plants) -> Iterator[_Less]:
             plants.box, low=replace(plants.box.low, **{name: ends[0]}), high=replace(plants.box.high, **{name: ends[1]})
         )
         yield _Less(f"the {name} known to be within {ends[0]:.4g} and {ends[1]:.4g}", goal, replace(plants, box=box))
+
+
+def proved(design: FlightDesign, name: str, provenance: Mapping[str, Any]) -> Certificate:
+    """Return the certificate of a design, or refuse and say with which narrower intervals of the plants there is one.
+
+    Args:
+        design: what is to be proved.
+        name: of the certificate.
+        provenance: inputs, for people.
+
+    Raises:
+        FlatsatError: there is no proof of the intervals, or a tube is not bounded.
+    """
+    try:
+        return design.certificate(name, provenance)
+    except CoverError as error:
+        axis = design.horizontal if error.box == design.horizontal.box else design.vertical
+        known = narrower(axis, error.figure, 1.0, design.gain_max, design.assumptions)
+        within = ", ".join(f"the {figure} within {low:.4g} and {high:.4g}" for figure, (low, high) in known.items())
+        raise FlatsatError(f"{error}: there is a proof with {within}" if within else str(error)) from error
+
+
+def narrower(
+    axis: AxisDesign, figure: str, gain_min: float, gain_max: float, assumptions: Assumptions, cells_max: int = 500
+) -> dict[str, Interval]:
+    """Halve intervals of plants, always the one that most cuts went across, until few cells cover what is left.
+
+    Args:
+        axis: the plants and their controller.
+        figure: the first.
+        gain_min: smallest applied gain.
+        gain_max: largest applied gain.
+        assumptions: of the tube.
+        cells_max: few.
+
+    Returns:
+        The intervals that were halved, about their middles; none if _HALVED of them do not do.
+    """
+    box, known = axis.box, dict[str, Interval]()
+    for _ in range(_HALVED):
+        low, high = box.spread[figure]
+        ends = (3.0 * low + high) / 4.0, (low + 3.0 * high) / 4.0
+        known[figure] = ends
+        box = Box(replace(box.low, **{figure: ends[0]}), replace(box.high, **{figure: ends[1]}))
+        try:
+            cover(axis.design, box, gain_min, gain_max, assumptions, axis.lag_varies, axis.excess, cells_max)
+        except CoverError as error:
+            figure = error.figure
+        else:
+            return known
+    return {}

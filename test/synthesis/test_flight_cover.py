@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,10 +12,13 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_tube import Assumptions, box_tube, cell_tube
-from flatsat_ros.synthesis.flight_cover import Cover, corners, cover
+from flatsat_ros.synthesis.flight_cover import Cover, CoverError, corners, cover
+from flatsat_ros.synthesis.flight_design import AxisDesign
+from flatsat_ros.synthesis.flight_trade import narrower
 
 DESIGN = Design.predicting(0.02, Plant(0.03, 0.14), (0.357, 3.93, 14.2), 42.8, 23.6)
 BOX = Box(Plant(0.024, 0.14 * 0.9), Plant(0.036, 0.14 * 1.1))
+LARGE = Box(Plant(0.024, 0.14 * 0.7), Plant(0.036, 0.14 * 1.3))
 ACROSS = Box(Plant(0.018, 0.14), Plant(0.022, 0.14))  # delays with a whole period between them
 STILL = Assumptions(disturbance_rate=0.35, noise=5e-4, acceleration=0.0, jerk=0.58, snap=0.66)
 
@@ -69,8 +75,31 @@ def test_cuts_that_leave_something_out_are_refused(cuts: tuple[str, ...], text: 
 def test_what_cannot_be_covered_is_refused() -> None:
     with pytest.raises(FlatsatError, match="tube of a corner of the box = inf m: must be bounded"):
         cover(DESIGN, Box(Plant(0.03, 0.04), Plant(0.03, 0.5)), 1.0, 3.0, STILL)
-    with pytest.raises(FlatsatError, match="cells = more than 2: must be fewer"):
-        cover(DESIGN, BOX, 1.0, 1.5, STILL, excess=0.01, cells_max=2)
+    with pytest.raises(CoverError, match="cells = more than 2: must be fewer") as refused:
+        cover(DESIGN, LARGE, 1.0, 1.5, STILL, cells_max=2)
+    assert (refused.value.box, refused.value.figure) == (LARGE, "delay")
+
+
+@pytest.mark.parametrize("cells", [1, 2, 5])
+def test_few_cells_are_where_they_matter(covered: Cover, cells: int) -> None:
+    coarse = cover(DESIGN, BOX, 1.0, 1.5, STILL, excess=0.1, cells_max=cells)
+    assert coarse.cuts.count("") == cells
+    assert covered.tube.position < coarse.tube.position < math.inf
+    assert box_tube(DESIGN, BOX, coarse.cuts, 1.0, 1.5, STILL) == coarse.tube
+
+
+def test_narrower_intervals_are_named_of_which_there_is_a_proof() -> None:
+    known = narrower(AxisDesign(LARGE, False, DESIGN, 0.1), "lag", 1.0, 1.5, STILL, cells_max=2)
+    low, high = known["lag"]
+    assert 0.14 * 0.7 < low < high < 0.14 * 1.3
+    assert low + high == pytest.approx(0.28)
+    box = Box(
+        *(
+            replace(plant, **{name: ends[i] for name, ends in known.items()})
+            for i, plant in enumerate((LARGE.low, LARGE.high))
+        )
+    )
+    assert cover(DESIGN, box, 1.0, 1.5, STILL, excess=0.1, cells_max=2).tube.position < math.inf
 
 
 def test_a_lag_that_changes_in_flight_has_a_larger_tube_and_is_never_cut() -> None:

@@ -71,12 +71,15 @@ def test_a_small_design_becomes_a_certificate_that_verifies(tmp_path: Path) -> N
     document = read_yaml(CONFIG / "designs" / "flight.yaml")["cf21_flight_50hz"]
     document.pop("vehicle")
     document["gain_max"], document["assumptions"]["pose_age"] = 1.5, 0.004
+    document["return_rate"] = 20.0  # faster than the loop: what is shown is slower
     for axis in ("horizontal", "vertical"):
         document[axis]["excess"] = 1.0
         document[axis]["low"] = dict(document[axis]["high"], delay=document[axis]["high"]["delay"] - 1e-4)
     certificate = FlightDesign.from_document("small", document).certificate("small", {})
     certificate.save(tmp_path / "small.yaml")
     assert min(certificate.verify().values()) >= -1e-9
+    assert certificate.flight is not None
+    assert all(0.0 < axis.back.rate < 20.0 for axis in certificate.flight.axes)
 
 
 def test_too_little_tilt_is_refused_with_what_would_do_and_the_trade_says_what_is_needed() -> None:
