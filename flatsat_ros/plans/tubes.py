@@ -144,6 +144,8 @@ def promise(
     Raises:
         FlatsatError: nothing is proved for these bounds, and no tube is given.
     """
+    if tube is not None:
+        tube = Tube(tube).radius  # a number, at least 0
     flight, limits = certificate.flight, certificate.limits
     usual = limits.inner_radius / 2.0, _JERK, _SNAP
     if flight is not None:

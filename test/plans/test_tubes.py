@@ -93,6 +93,12 @@ def test_a_wanted_tube_is_proved_for_slower_references_or_is_the_users_word() ->
         assert promise(FLYING, **BOX, downwash=2.0, **none).tube == Tube(none["tube"])
 
 
+@pytest.mark.parametrize("radius", [math.nan, math.inf, -0.1, "wide"])
+def test_a_wanted_tube_that_is_no_distance_is_refused(radius: Any) -> None:
+    with pytest.raises(FlatsatError, match=r"radius = .* m: must be a number from 0"):
+        promise(FLYING, **BOX, downwash=2.0, tube=radius)
+
+
 def test_what_differs_is_named() -> None:
     good = plan_of(Tube(RADIUS + 1e-3, "certificate"))
     require_tubes(good, FLYING)
