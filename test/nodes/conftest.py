@@ -150,6 +150,7 @@ class Lab:
         self._clients: dict[str, AsyncParameterClient] = {}
         self._flown: set[str] = set()  # by a controller
         self._linked: set[str] = set()
+        self._overheard: set[str] = set()  # whose commands the observer itself listens to
         self._services: dict[tuple[type[Any], str], Any] = {}
         self._context = rclpy.Context()
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
@@ -217,6 +218,8 @@ class Lab:
         """Return a list to which every message of the topic is added as it comes."""
         seen: list[Any] = []
         self.node.create_subscription(topic.kind, topic.of(robot), seen.append, KEEP)
+        if topic is interfaces.COMMAND:
+            self._overheard.add(robot)
         return seen
 
     def watch_diagnostics(self, name: str) -> list[Any]:
@@ -287,8 +290,9 @@ class Lab:
         self.wait(lambda: self._is_heard(robot), f"{robot} to listen to its commands")
         if robot not in self._linked:
             self._linked |= {other for other in {robot, *self._flown} if self._is_heard(other)}
-            # we know the listener; the controller may not yet, and would have to unlock it a second time
-            self.listen(0.7)
+            # the controller takes us for the drone that it waits for, before it knows the other listener
+            if self._overheard & self._linked:
+                self.listen(0.7)
 
     def _is_heard(self, robot: str) -> bool:
         listeners = {info.node_name for info in self.node.get_subscriptions_info_by_topic(interfaces.COMMAND.of(robot))}
