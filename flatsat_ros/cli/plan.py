@@ -139,6 +139,8 @@ def _plan(arguments: argparse.Namespace) -> None:
         found.save(output)
     print(f"plan {found.name} for certificate {found.certificate}: proved with integers, for all times")
     _tell(found)
+    if any(drone.tube.source == "certificate" for drone in found.drones):
+        print("  a smaller tube takes longer: --trade shows how much, --tube asks for it")
     if "polynomials" in found.provenance:
         print(f"  polynomials {found.provenance['polynomials']}")
     print(f"  written to {output}" if output is not None else "  not written: give --output FILE")
