@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flatsat_ros.base.strict_yaml import read_yaml
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.crazyflie.wire import WireSetpoint, YawMode
@@ -122,3 +123,25 @@ def test_how_a_flight_is_cut_into_stretches_changes_nothing(ends: list[float]) -
     np.testing.assert_allclose(cut.times, whole.times, atol=1e-12)
     np.testing.assert_allclose(cut.heights, whole.heights, atol=1e-9)
     assert whole.heights[-1] > 0.3
+
+
+def swing(bits: int) -> float:
+    """Return how far a drone whose motors take so many bits moves up and down in 2 s of hover that nothing disturbs."""
+    certificate = Certificate.from_document(read_yaml(CONFIG / "cf21_adaptive_50hz.yaml"))
+    assert certificate.flight is not None
+    policy = Policy(disturbance_max=certificate.flight.disturbance, thrust_error_max=0.25)
+    pilot = Pilot(certificate, Tuning(2.0, 0.05, 1.0, certificate.gain_max), policy, 1)
+    vehicle = replace(VEHICLE, motors=replace(VEHICLE.motors, bits=bits))
+    fleet, heights = SimulatedFleet(vehicle, 1, capture=MotionCapture(), command_delay=0.028), []
+    pilot.arm(0, True)
+    start = fly(pilot, fleet, vehicle, 0.5)
+    pilot.take_off(0, 0.5)
+    start = fly(pilot, fleet, vehicle, 10.0, start=start)
+    fly(pilot, fleet, vehicle, 12.0, lambda *_: heights.append(fleet.bodies.position[0, 2]), start=start)
+    return float(np.ptp(heights))
+
+
+def test_the_height_swings_by_the_steps_of_the_motors_alone() -> None:
+    """One step of 8 bits is 0.1 m/s^2 of thrust near hover."""
+    assert swing(8) > 2e-3
+    assert swing(16) < 2e-4
