@@ -19,7 +19,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.certificate.certificate import FLIGHT_CERTIFICATE, load_certificate
+from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, load_certificate
 from flatsat_ros.planning import Mission, Wishes, improvement, read_mission, rounds, search
 from flatsat_ros.planning.penalties import Charge
 from flatsat_ros.plans import Curve
@@ -52,10 +52,10 @@ def bound_axes(speed: float) -> None:
     def settle(own: search.Search, *arguments: object) -> tuple[FloatArray, bool]:
         spans = [len(own.swarm.shapes.lengths)]
         search.shorten = lambda vectors, room, slopes: shorten_axes(vectors, room, slopes, spans)
-        return plain(own, *arguments)  # type: ignore[arg-type]
+        return plain(own, *arguments)
 
     plain = search.Search.settle
-    search.Search.settle = settle  # type: ignore[method-assign, assignment]
+    search.Search.settle = settle
     improvement.broken_limit = broken
 
 
@@ -66,7 +66,7 @@ def main() -> None:
     parser.add_argument("--speed", type=float, default=1.0)
     parser.add_argument("--seconds", type=float, default=15.0)
     given = parser.parse_args()
-    certificate = load_certificate(FLIGHT_CERTIFICATE)
+    certificate = load_certificate(DEFAULT_CERTIFICATE)
     mission = read_mission(given.mission, certificate, Wishes(speed_max=_DIAGONAL * given.speed), given.mission.stem)
     bound_axes(given.speed)
     begin = time.process_time()

@@ -48,7 +48,8 @@ def _parser() -> shell.Parser:
     parser.add_argument(
         "--certificate",
         metavar="NAME_OR_PATH",
-        help="whose limits the references keep; with a flight section it proves tubes (default: cf21_adaptive_50hz)",
+        help="whose limits the references keep; with a flight section it proves tubes (default: cf21_adaptive_50hz; "
+        "for --verify the plan's own)",
     )
     wishes = parser.add_argument_group("wishes")
     for option, unit, text in (
@@ -101,16 +102,22 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _verify(path: Path, certificate: str | None) -> None:
-    """Prove a plan again and print what is left of its claims."""
+    """Prove a plan again, with the tubes that the named certificate or else its own proves; print what is left."""
+    from flatsat_ros.base.resources import is_packaged
     from flatsat_ros.certificate.certificate import load_certificate
     from flatsat_ros.plans import Plan
     from flatsat_ros.plans.tubes import require_tubes
 
     plan = Plan.load(path)
+    is_proved = any(drone.tube.source == "certificate" for drone in plan.drones)
+    if certificate is None and is_proved and is_packaged(plan.certificate):
+        certificate = plan.certificate
     if certificate is not None:
         require_tubes(plan, load_certificate(certificate))
     print(f"plan {plan.name} in {path} holds: proved with integers, for all times")
     _tell(plan)
+    if is_proved and certificate is None:
+        print(f"  {plan.certificate} is not packaged: that it proves the tubes was not looked at; give --certificate")
 
 
 def _plan(arguments: argparse.Namespace) -> None:

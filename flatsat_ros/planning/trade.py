@@ -11,7 +11,7 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.planning.mission import Mission
 from flatsat_ros.plans.tubes import promise
 
-_FACTORS = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)  # of the mission's acceleration, up to 1, jerk and snap
+_FACTORS = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0)  # of the mission's acceleration, up to 1, jerk and snap
 
 
 class Choice(NamedTuple):

@@ -47,6 +47,19 @@ def test_a_plan_is_written_and_proved_again(planned: Path, capsys: pytest.Captur
         assert text in printed
 
 
+def test_a_tube_that_no_certificate_proves_is_found_out_without_naming_one(
+    planned: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan = Plan.load(planned)
+    drones = tuple(replace(drone, tube=replace(drone.tube, radius=0.01)) for drone in plan.drones)
+    replace(plan, drones=drones).save(tmp_path / "forged.yaml")
+    assert main(["--verify", str(tmp_path / "forged.yaml")]) == 2
+    assert "tube of cf1 = 0.01 m: must be at least 0.0" in capsys.readouterr().err
+    replace(plan, drones=drones, certificate="somebodys").save(tmp_path / "forged.yaml")
+    assert main(["--verify", str(tmp_path / "forged.yaml")]) == 0
+    assert "that it proves the tubes was not looked at" in capsys.readouterr().out
+
+
 def test_the_help_names_the_certificate_that_is_taken(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--help"]) == 0
     assert f"default: {DEFAULT_CERTIFICATE}" in " ".join(capsys.readouterr().out.split())
