@@ -2,7 +2,8 @@
 
 The reference leads a drone to another height, but its height stays within a little, while what was commanded beyond the
 disturbance that was known should have led it far towards the reference. Motion capture repeats an old value, or tracks
-another body, or something holds the drone. Gusts, which commands counter while nothing moves, take no reference away.
+another body, or something holds the drone. Gusts, which commands counter while nothing moves, take no reference away:
+one that has rested for a while leads nobody anywhere, however far gusts have blown a drone that is flown softly.
 Along the horizontal a wrong body is noticed by motion that does not follow the commands, see `flight.astray`.
 """
 
@@ -17,6 +18,8 @@ STILL = 0.015
 _WINDOW = 0.8
 # while the reference is so far away, m,
 _AWAY = 0.1
+# and has moved by the first, m, within the second, s,
+_MOVED, _RESTED = 0.05, 3.0
 # in which it should have changed by so much, m, the second if the thrust is not known yet; from another change, m, on
 # nothing is learnt from it
 _WAY = 0.12, 0.4
@@ -42,6 +45,7 @@ class UnmovedDetector:
         self._lasted = np.full(count, np.inf)  # s
         self._height, self._speed, self._balance = np.zeros((3, count))  # m and m/s^2 at first; m/s by now
         self._past = np.zeros((2, count))  # way, m, and speed, m/s, in the look before, if it stood still all the time
+        self._wanted, self._rested = np.full(count, np.inf), np.zeros(count)  # m, and s for which it has been that
         self.way = np.zeros(count)
 
     def look(
@@ -74,9 +78,15 @@ class UnmovedDetector:
             self._balance[anew] = estimated[anew, 8]
             self._lasted[anew] = self.way[anew] = 0.0
         self._push[:] = 0.0
+        self._rested += self._period
+        wanted = estimated[:, 2] - error
+        moved = np.abs(wanted - self._wanted) > _MOVED
+        if any_of(moved):
+            self._wanted[moved], self._rested[moved] = wanted[moved], 0.0
         away = np.abs(error) >= _AWAY
         if not any_of(away):
             return self._nobody
+        away &= self._rested < _RESTED
         return np.asarray(away & (-np.sign(error) * self.way >= np.where(settled, *_WAY)))
 
     def climb(self, index: int) -> tuple[float, float]:

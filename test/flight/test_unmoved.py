@@ -87,6 +87,17 @@ def test_a_still_height_near_its_reference_may_be_one_that_gusts_are_countered_a
     assert first_alarm(still, nothing, np.array(commands), nothing + 1.05) == -1
 
 
+@given(commands=COMMANDS, away=st.floats(-1.0, 1.0), seed=st.integers(0, 99))
+@settings(max_examples=20)
+def test_a_still_height_is_no_matter_of_a_reference_that_has_rested_for_long(
+    commands: list[float], away: float, seed: int
+) -> None:
+    pause = round(3.2 / PERIOD)
+    count = pause + len(commands)
+    still, nothing = 1.0 + noise(count, seed), np.zeros(count)
+    assert first_alarm(still, nothing, np.r_[nothing[:pause], commands], nothing + 1.0 + away) == -1
+
+
 @pytest.mark.parametrize(("share", "rises", "held"), [(1.32, 0.0, False), (1.4, 0.0, True), (1.4, 0.2, False)])
 def test_more_thrust_than_the_weakest_drone_needs_lifts_it_or_it_is_not_seen(
     share: float, rises: float, held: bool
