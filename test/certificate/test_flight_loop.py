@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -286,7 +287,7 @@ def test_the_exponential(seed: int, scale: float) -> None:
         ),
     ],
 )
-def test_impossible_loops_are_refused(build: object, text: str) -> None:
+def test_impossible_loops_are_refused(build: Callable[[], object], text: str) -> None:
     with pytest.raises(FlatsatError) as refused:
-        build()  # type: ignore[operator]
+        build()
     assert text in str(refused.value)

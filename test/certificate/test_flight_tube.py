@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 
@@ -294,7 +295,7 @@ def test_what_has_no_bound_is_infinite() -> None:
         (lambda: Assumptions(0.35, -1e-3, 1.0, 0.58, 0.66), "noise = -0.001 m: must be a number from 0"),
     ],
 )
-def test_impossible_boxes_are_refused(build: object, text: str) -> None:
+def test_impossible_boxes_are_refused(build: Callable[[], object], text: str) -> None:
     with pytest.raises(FlatsatError) as refused:
-        build()  # type: ignore[operator]
+        build()
     assert text in str(refused.value)

@@ -8,6 +8,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -65,11 +66,18 @@ SAMPLE = [
 ]
 
 
-def row(**changes: object) -> Row:
+def row(**changes: Any) -> Row:
     """A row that passed, with changes."""
-    figures = {"impact_m_s": 0.3, "distance_m": 0.25, "said": [], "seed": 1, "separation_m": 1.0, "broken": []}
-    figures["certificate"] = DEFAULT_CERTIFICATE
-    return Row(**{"fault": "y_up", "phase": "hover", "passed": True, "accepted": False, **figures, **changes})  # type: ignore[arg-type]
+    figures: dict[str, Any] = {
+        "impact_m_s": 0.3,
+        "distance_m": 0.25,
+        "said": [],
+        "seed": 1,
+        "separation_m": 1.0,
+        "broken": [],
+        "certificate": DEFAULT_CERTIFICATE,
+    }
+    return Row(**{"fault": "y_up", "phase": "hover", "passed": True, "accepted": False, **figures, **changes})
 
 
 def flown() -> Scene:
@@ -97,10 +105,15 @@ def test_the_matrix_is_as_large_as_it_should_be() -> None:
     assert len(EXISTING) == len(set(EXISTING)) == len(Phase) * len(FAULTS) + len(LIVE_FAULTS)
 
 
-def accepted(**changes: object) -> Accepted:
+def accepted(**changes: Any) -> Accepted:
     """An entry that may stand on the list, with changes."""
-    entry = {"fault": "gusts_2", "phases": ("hover",), "happens": "It drifts 1 m.", "advice": "Wait for less wind."}
-    return Accepted(**{**entry, **changes})  # type: ignore[arg-type]
+    entry: dict[str, Any] = {
+        "fault": "gusts_2",
+        "phases": ("hover",),
+        "happens": "It drifts 1 m.",
+        "advice": "Wait for less wind.",
+    }
+    return Accepted(**{**entry, **changes})
 
 
 def test_what_is_accepted_exists_and_is_little() -> None:

@@ -8,6 +8,7 @@ import os
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -20,11 +21,16 @@ from flatsat_ros.falsification.soak.verdict import GROWTH_MAX, MISSED_MAX, Soak,
 HOUR = 3600
 
 
-def soak(memory: Callable[[float], float] = lambda _: 80.0, **changes: object) -> Soak:
+def soak(memory: Callable[[float], float] = lambda _: 80.0, **changes: Any) -> Soak:
     """An hour of flight with one process, whose memory, MiB, is a function of time, s."""
     samples = [Sample(float(t), memory(float(t)), 20, 17, {"/dev/shm/x": 1000}) for t in range(0, HOUR, 10)]
-    figures = {"samples": {"controller": samples}, "ticks": 50 * HOUR + 1, "watched": float(HOUR), "flights": 12}
-    return Soak(drones=10, period=0.02, **{**figures, **changes})  # type: ignore[arg-type]
+    figures: dict[str, Any] = {
+        "samples": {"controller": samples},
+        "ticks": 50 * HOUR + 1,
+        "watched": float(HOUR),
+        "flights": 12,
+    }
+    return Soak(drones=10, period=0.02, **{**figures, **changes})
 
 
 def test_a_flight_in_which_nothing_grows_passes() -> None:

@@ -15,6 +15,7 @@ from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import GoalMode, Policy
 from flatsat_ros.flight.separation import IN_THE_AIR
+from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.planning.spline import spline_through
@@ -87,8 +88,8 @@ def test_crossing_goals_are_reached_one_after_the_other() -> None:
     pilot = Pilot(CERTIFICATE, TUNING, Policy(disturbance_max=0.8), 2)
     goals, told, least = np.array([[2.0, 0.0, 0.6], [1.0, 0.8, 0.6]]), [], [np.inf]
 
-    def observe(_now: float, _samples: object, tick: object, _sent: object) -> None:
-        told.extend(text for drone, text in tick.reports if drone == 1)  # type: ignore[attr-defined]
+    def observe(_now: float, _samples: object, tick: Tick, _sent: object) -> None:
+        told.extend(text for drone, text in tick.reports if drone == 1)
         first, second = fleet.bodies.position
         least.append(float(np.linalg.norm((first - second) * IN_THE_AIR)))
 

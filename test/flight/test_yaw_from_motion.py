@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,8 +36,8 @@ class Flight:
         policy = Policy(yaw_source=source, disturbance_max=0.8, thrust_error_max=0.25, drag=VEHICLE.dynamics.drag_z)
         count = len(yaws)
         self.starts = np.array([[0.0, 4.0 * n, 0.0] for n in range(count)])
-        room = {"wind": Wind(gust=gust), "capture": MotionCapture(noise=5e-4)}
-        self.fleet = SimulatedFleet(VEHICLE, count, start=self.starts, yaw=yaws, seed=1, **room)  # type: ignore[arg-type]
+        room: dict[str, Any] = {"wind": Wind(gust=gust), "capture": MotionCapture(noise=5e-4)}
+        self.fleet = SimulatedFleet(VEHICLE, count, start=self.starts, yaw=yaws, seed=1, **room)
         self.pilot = Pilot(CERTIFICATE, Tuning(2.0, 0.05, 1.0, CERTIFICATE.gain_max), policy, count)
         self.off = np.zeros(count)  # farthest from the straight ways to the goals, m
         self.corrected = np.zeros(count, dtype=bool)

@@ -15,13 +15,14 @@ from numpy.testing import assert_allclose
 from flatsat_ros import Pilot, Policy, SimulatedFleet, Trajectory, Tuning, fly, load_certificate, load_vehicle
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.flight.tick import Tick
 from flatsat_ros.identification.excitation import STEP_LEAST, excitation, message_text
 from flatsat_ros.identification.identified import Identified, identify, profile_of
 from flatsat_ros.identification.log import FlightLog, angles_of
 from flatsat_ros.identification.screening import screen
 from flatsat_ros.identification.validation import CONTRADICTS, SUPPORTS, validate
 from flatsat_ros.law.input_set import InputSet
-from flatsat_ros.sim.sensor import MotionCapture
+from flatsat_ros.sim.sensor import MotionCapture, Sample
 from flatsat_ros.synthesis import synthesize
 
 CERTIFICATE = load_certificate("cf21_50hz")
@@ -103,10 +104,10 @@ def log() -> FlightLog:
     fleet = SimulatedFleet(HIDDEN, 1, command_delay=DELAY, capture=MotionCapture(noise=3e-4, latency=LATENCY))
     poses, commands, modes = [], [], set()
 
-    def observe(now: float, samples: object, tick: object, sent: dict[int, tuple[float, ...]]) -> None:
-        poses.extend((each.stamp + LATENCY, *each.position, *each.quaternion) for each in samples)  # type: ignore[attr-defined]
+    def observe(now: float, samples: list[Sample], tick: Tick, sent: dict[int, tuple[float, ...]]) -> None:
+        poses.extend((each.stamp + LATENCY, *each.position, *each.quaternion) for each in samples)
         commands.extend((now, *sent[index]) for index in sent)
-        modes.add(int(tick.mode[0]))  # type: ignore[attr-defined]
+        modes.add(int(tick.mode[0]))
 
     path = excitation(CERTIFICATE, (0.0, 0.0, 1.0))
     pilot.set_reference(0, Trajectory.hold((0.0, 0.0, 1.0)))

@@ -28,7 +28,8 @@ class Answered:
     """The future of a request that is answered when the test says so."""
 
     def __init__(self, answer: Any) -> None:
-        self._answer, self._callbacks = answer, []  # type: ignore[var-annotated]
+        self._answer = answer
+        self._callbacks: list[Callable[[Any], None]] = []
 
     def add_done_callback(self, callback: Callable[[Any], None]) -> None:
         self._callbacks.append(callback)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from flatsat_ros.base.errors import FlatsatError
@@ -21,7 +23,7 @@ class Log:
 
 
 @pytest.fixture
-def log() -> Log:
+def log() -> Any:
     return Log()
 
 
@@ -30,8 +32,8 @@ def refuse(faults: Faults, name: str, reason: str = "x = 1: must be 2") -> None:
         raise FlatsatError(reason)
 
 
-def test_what_fails_inside_does_not_reach_what_stands_around(log: Log) -> None:
-    faults = Faults(log)  # type: ignore[arg-type]
+def test_what_fails_inside_does_not_reach_what_stands_around(log: Any) -> None:
+    faults = Faults(log)
     with faults.contain("cf1/goal_pose"):
         raise OverflowError("too large")
     with faults.contain("cf1/goal_pose"):
@@ -44,21 +46,21 @@ def test_what_fails_inside_does_not_reach_what_stands_around(log: Log) -> None:
     assert "test_faults.py" in said
 
 
-def test_a_refusal_is_one_line(log: Log) -> None:
-    faults = Faults(log)  # type: ignore[arg-type]
+def test_a_refusal_is_one_line(log: Any) -> None:
+    faults = Faults(log)
     refuse(faults, "cf1/pose", "x =\n1: must be 2")
     assert log.lines == ["cf1/pose: x = 1: must be 2"]
 
 
-def test_an_interrupt_is_not_taken(log: Log) -> None:
-    with pytest.raises(KeyboardInterrupt), Faults(log).contain("tick"):  # type: ignore[arg-type]
+def test_an_interrupt_is_not_taken(log: Any) -> None:
+    with pytest.raises(KeyboardInterrupt), Faults(log).contain("tick"):
         raise KeyboardInterrupt
 
 
 @pytest.mark.parametrize(("error", "silence"), [(FlatsatError("x"), 1), (OverflowError("x"), 10)])
-def test_the_same_fault_is_told_again_after_a_while_with_its_number(log: Log, error: Exception, silence: int) -> None:
+def test_the_same_fault_is_told_again_after_a_while_with_its_number(log: Any, error: Exception, silence: int) -> None:
     now = [0.0]
-    faults = Faults(log, lambda: now[0])  # type: ignore[arg-type]
+    faults = Faults(log, lambda: now[0])
     for tenth in range(10 * silence + 1):
         now[0] = tenth / 10.0
         with faults.contain("cf1/pose"):
@@ -68,8 +70,8 @@ def test_the_same_fault_is_told_again_after_a_while_with_its_number(log: Log, er
     assert f"({10 * silence} times)" in again
 
 
-def test_one_name_does_not_silence_another(log: Log) -> None:
-    faults = Faults(log, lambda: 0.0)  # type: ignore[arg-type]
+def test_one_name_does_not_silence_another(log: Any) -> None:
+    faults = Faults(log, lambda: 0.0)
     for name in ("cf1/pose", "cf2/pose", "cf1/goal_pose", "cf10/pose", "cf1/pose"):
         refuse(faults, name)
     assert len(log.lines) == 4
@@ -78,11 +80,11 @@ def test_one_name_does_not_silence_another(log: Log) -> None:
     assert faults.newest("cf") == ""
 
 
-def test_what_is_told_is_bounded(log: Log) -> None:
+def test_what_is_told_is_bounded(log: Any) -> None:
     def recurse() -> None:
         recurse()
 
-    faults = Faults(log)  # type: ignore[arg-type]
+    faults = Faults(log)
     with faults.contain("deep"):
         recurse()
     with faults.contain("long"):

@@ -67,12 +67,12 @@ def test_a_box_has_twelve_edges() -> None:
 
 def test_the_set_up_for_rviz_listens_to_the_markers() -> None:
     path = Path(__file__).resolve().parents[2] / "config" / "viewer" / "flatsat.rviz"
-    configuration = read_yaml(path)
-    manager: dict[str, Any] = configuration["Visualization Manager"]  # type: ignore[index]
-    panels = configuration["Panels"]  # type: ignore[index]
+    configuration: Any = read_yaml(path)
+    manager: dict[str, Any] = configuration["Visualization Manager"]
+    panels = configuration["Panels"]
     plugins = [*manager["Displays"], *manager["Tools"], manager["Views"]["Current"]]
     # as rviz_common and rviz_default_plugins of Jazzy call them; what they do not know is left out by RViz in silence
-    assert {panel["Class"] for panel in panels} <= {"rviz_common/Displays", "rviz_common/Views"}  # type: ignore[union-attr]
+    assert {panel["Class"] for panel in panels} <= {"rviz_common/Displays", "rviz_common/Views"}
     assert {plugin["Class"].removeprefix("rviz_default_plugins/") for plugin in plugins} == {
         "Grid",
         "MarkerArray",

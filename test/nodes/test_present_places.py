@@ -64,8 +64,9 @@ def test_places_are_known_after_a_moment_of_listening_and_who_is_not_heard_is_na
 
 
 def test_the_program_prints_places_or_why_it_has_none(capsys: pytest.CaptureFixture[str]) -> None:
-    known = SimpleNamespace(places={"cf1": np.array([1.0, 2.0, 0.5])}, refused="")
-    PresentPlaces.finish(known)  # type: ignore[arg-type]
+    known: Any = SimpleNamespace(places={"cf1": np.array([1.0, 2.0, 0.5])}, refused="")
+    PresentPlaces.finish(known)
     assert capsys.readouterr().out == '{"cf1": [1.0, 2.0, 0.5]}\n'
-    PresentPlaces.finish(SimpleNamespace(places=None, refused="cf1: why"))  # type: ignore[arg-type]
+    known.places, known.refused = None, "cf1: why"
+    PresentPlaces.finish(known)
     assert capsys.readouterr().err == "error: cf1: why\n"

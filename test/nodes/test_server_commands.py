@@ -43,9 +43,9 @@ class Node:
         self.published: dict[str, list[Any]] = {}
         self.timers: list[SimpleNamespace] = []
         self.told: list[str] = []
-        logger = SimpleNamespace(error=self.told.append, warning=self.told.append, info=self.told.append)
+        logger: Any = SimpleNamespace(error=self.told.append, warning=self.told.append, info=self.told.append)
         self.get_logger = lambda: logger
-        self.faults = Faults(logger)  # type: ignore[arg-type]
+        self.faults = Faults(logger)
 
     def create_service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
         self.services[name] = kind, callback

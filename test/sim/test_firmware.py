@@ -5,6 +5,7 @@ Sources are those of release 2026.08. Times are those of a real drone: the super
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,12 +26,12 @@ TAKE_OFF = 1.1 * HOVER
 BOOT = 0.2  # s: four looks of the supervisor make the drone ready
 
 
-def grounded(profile: VehicleProfile = CF21, **options: object) -> SimulatedFleet:
-    return SimulatedFleet(profile, 1, dynamics="ideal", **options)  # type: ignore[arg-type]
+def grounded(profile: VehicleProfile = CF21, **options: Any) -> SimulatedFleet:
+    return SimulatedFleet(profile, 1, dynamics="ideal", **options)
 
 
-def flying(height: float = 50.0, **options: object) -> SimulatedFleet:
-    return SimulatedFleet(CF21, 1, dynamics="ideal", start=[[0.0, 0.0, height]], flying=True, **options)  # type: ignore[arg-type]
+def flying(height: float = 50.0, **options: Any) -> SimulatedFleet:
+    return SimulatedFleet(CF21, 1, dynamics="ideal", start=[[0.0, 0.0, height]], flying=True, **options)
 
 
 def stream(fleet: SimulatedFleet, seconds: float, thrust: float, roll: float = 0.0, yaw_rate: float = 0.0) -> None:

@@ -2,6 +2,7 @@
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
@@ -25,7 +26,7 @@ CF21 = VehicleProfile.load(VEHICLES / "cf21.yaml")
 HOVER = float(CF21.pwm_from_thrust(GRAVITY))
 END = 0.4  # s
 START = [[0.0, 0.0, 1.0], [1.0, 0.0, 1.5], [0.0, 2.0, 0.7]]
-ROUGH = {
+ROUGH: dict[str, Any] = {
     "flying": True,
     "wind": Wind(mean=(0.5, 0.0, 0.0), gust=0.5),
     "battery": Battery(sag=0.4, drain=0.01),
@@ -61,7 +62,7 @@ def fly(fleet: SimulatedFleet, script: list[tuple[float, int, float, float, floa
 def test_how_advance_to_is_chopped_makes_no_difference(
     script: list[tuple[float, int, float, float, float]], stops: list[float]
 ) -> None:
-    fleets = [SimulatedFleet(CF21, 3, start=START, seed=3, **ROUGH) for _ in range(2)]  # type: ignore[arg-type]
+    fleets = [SimulatedFleet(CF21, 3, start=START, seed=3, **ROUGH) for _ in range(2)]
     fly(fleets[0], script, [])
     fly(fleets[1], script, stops)
     for whole, chopped in zip(fleets[0].poses(), fleets[1].poses(), strict=True):
@@ -77,11 +78,11 @@ def test_how_advance_to_is_chopped_makes_no_difference(
 @settings(max_examples=10, deadline=None)
 @given(commands, st.sampled_from(["ideal", "identified"]))
 def test_a_batch_is_the_drones_one_by_one(script: list[tuple[float, int, float, float, float]], dynamics: str) -> None:
-    room = {"dynamics": dynamics, "seed": 5, "flying": True, "wind": Wind(gust=0.5)}
-    together = SimulatedFleet(CF21, 3, start=START, thrust_scale=[0.95, 1.0, 1.05], **room)  # type: ignore[arg-type]
+    room: dict[str, Any] = {"dynamics": dynamics, "seed": 5, "flying": True, "wind": Wind(gust=0.5)}
+    together = SimulatedFleet(CF21, 3, start=START, thrust_scale=[0.95, 1.0, 1.05], **room)
     fly(together, script, [])
     for index, scale in enumerate((0.95, 1.0, 1.05)):
-        alone = SimulatedFleet(CF21, 1, start=[START[index]], thrust_scale=scale, **room)  # type: ignore[arg-type]
+        alone = SimulatedFleet(CF21, 1, start=[START[index]], thrust_scale=scale, **room)
         # the same times for the commands of the others, so that rounding of the times is the same
         time = 0.0
         for pause, receiver, roll, pitch, yaw_rate in script:

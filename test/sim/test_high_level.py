@@ -5,6 +5,7 @@ Sources are files and functions of crazyflie-firmware, release 2026.08.
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,9 +26,9 @@ BOOT = 0.2  # s: four looks of the supervisor make the drone ready
 SETTLED = 6.0  # s after a goal is reached: the integrals have found the thrust of hover
 
 
-def booted(profile: VehicleProfile = CF21, **options: object) -> SimulatedFleet:
+def booted(profile: VehicleProfile = CF21, **options: Any) -> SimulatedFleet:
     """Return a drone that stands on the floor ready to fly, armed if it has to be."""
-    fleet = SimulatedFleet(profile, 1, **options)  # type: ignore[arg-type]
+    fleet = SimulatedFleet(profile, 1, **options)
     wait(fleet, BOOT)
     if profile.motors.arming_required:
         fleet.firmware.request_arming(0, True)
@@ -35,7 +36,7 @@ def booted(profile: VehicleProfile = CF21, **options: object) -> SimulatedFleet:
     return fleet
 
 
-def hovering(**options: object) -> SimulatedFleet:
+def hovering(**options: Any) -> SimulatedFleet:
     """Return a drone that hovers at 1 m by its high-level commander."""
     fleet = booted(**options)
     fleet.take_off(0, 1.0, 2.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,8 +23,8 @@ START = (0.0, 0.0, 1.0)
 PLACE = PositionSetpoint.of(Mode.POSITION, (0.3, -0.2, 1.2), STILL, 0.5)
 
 
-def airborne(**options: object) -> SimulatedFleet:
-    return SimulatedFleet(CF21, 1, start=[START], flying=True, **options)  # type: ignore[arg-type]
+def airborne(**options: Any) -> SimulatedFleet:
+    return SimulatedFleet(CF21, 1, start=[START], flying=True, **options)
 
 
 def stream(fleet: SimulatedFleet, setpoint: PositionSetpoint, seconds: float) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -159,11 +160,11 @@ def test_a_smaller_rate_has_a_larger_set() -> None:
         (((1.0, 0.0), NONE, 0.01, "x", None, 9.0), "rate (beta) = 9.0 1/s: must be from"),
     ],
 )
-def test_what_cannot_be_certified_is_refused(arguments: tuple[object, ...], text: str) -> None:
+def test_what_cannot_be_certified_is_refused(arguments: tuple[Any, ...], text: str) -> None:
     if len(arguments) == 3:
         arguments = (*arguments, "x")
     with pytest.raises(FlatsatError) as refused:
-        synthesize_robust(LIMITS, *arguments)  # type: ignore[arg-type]
+        synthesize_robust(LIMITS, *arguments)
     assert text in str(refused.value)
 
 
