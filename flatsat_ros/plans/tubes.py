@@ -34,6 +34,7 @@ from flatsat_ros.plans.plan import Plan
 
 RESERVE = EXCESS  # what references ask for at a change of pace, over the bounds of the plan
 _STEP = 1e4  # 1/m: radii are stated in tenths of a millimetre, rounded up
+_GRAIN = 1e-6  # m, m/s and m/s^2, of the figures of tubes that are computed
 _CERTIFICATE = "certificate"
 # a tube of its own has what asks for at most such a share of what it may, times what leaves room to change the pace;
 # less than the least share does not count: the ways to the first places, too, keep the bounds, and shall not take long
@@ -108,7 +109,8 @@ def _with_tubes(flight: Flight, assumed: Assumptions) -> Flight:
 
 def _rounded_up(tube: AxisTube) -> AxisTube:
     """Return a tube in whole millionths, so that other machines, whose last digits differ, find the same one."""
-    return AxisTube(*(math.ceil(value * 1e6) / 1e6 if math.isfinite(value) else value for value in astuple(tube)))
+    grains = (value / _GRAIN if math.isfinite(value) else value for value in astuple(tube))
+    return AxisTube(*(_GRAIN * (math.ceil(each) + 1.0) if math.isfinite(each) else each for each in grains))
 
 
 def promise(
@@ -236,7 +238,8 @@ def _share(flight: Flight, limits: InputSet, radius: float, downwash: float) -> 
         return 1.0
     assumed = replace(flight.assumptions, acceleration=0.0, jerk=0.0, snap=0.0)
     least = _tube(_with_tubes(flight, assumed), downwash).radius
-    return (wanted - least) / (most - least) if wanted > least else 1.0
+    left = wanted - least - 8.0 * _GRAIN  # figures of tubes are rounded up, which no line need bear
+    return left / (most - least) if left > 0.0 else 1.0
 
 
 def least_margin(flight: Flight, room: InputSet, bounds: Bounds) -> float:
