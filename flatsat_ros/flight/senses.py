@@ -196,7 +196,7 @@ class Senses:
             measured: (N, 3) positions measured then, m; given with the stamps.
         """
         self._acceleration = acceleration
-        self._push = self._push + self._tick * acceleration
+        self._push += self._tick * acceleration
         self._ticks += 1
         if self._ticks % self._every:
             return np.asarray(self._free & flying)
@@ -231,7 +231,7 @@ class Senses:
             for index in map(int, np.flatnonzero(self.braking.active)):
                 self.braking.learn(index, self._command_check.answer(index))
         self._lift += (self._period / _LIFT_TIME) * np.where(high & certain, disturbance[:, 2] - self._lift, 0.0)
-        self._push, self._free = np.zeros_like(self._push), free
+        self._push[:], self._free = 0.0, free
         return self._free
 
     def take_turns(self) -> FloatArray:

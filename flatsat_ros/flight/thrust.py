@@ -69,7 +69,7 @@ class ThrustScale:
         if self._error_max == 0.0:
             return
         useful = flying & (upward > 0.0)
-        error = np.divide(disturbance, upward, out=np.zeros_like(upward), where=useful)
+        error = np.divide(disturbance, upward, out=np.zeros(upward.shape), where=useful)
         weak = lifting & (self._lifting > np.where(self._learnt < _SETTLED_TIME, *_LIFTING_TIME))
         constant: float | FloatArray = _TIME_CONSTANT
         if self.quick:

@@ -126,7 +126,8 @@ class Controller:
             k = limits.reach_of_finite(v_ref, v0, gamma)
             v = v_ref + k[..., np.newaxis] * v0
             u = input_from_finite(v, yaw, limits.gravity)
-        if not math.isfinite(u.sum()):  # one look at the end instead of one at each array
+            whole = float(np.vdot(u, u))  # one look at the end instead of one at each array
+        if not math.isfinite(whole):
             found = {"state": state, "reference": reference, "yaw": yaw, "gain": gamma, "P xi": gradient}
             for name, value in found.items():
                 finite_array(name, value)
