@@ -94,12 +94,18 @@ def screen(log: FlightLog) -> Samples:
     """Mask what is wrong in a log, and put the rest on a grid.
 
     Raises:
-        FlatsatError: less than SHORTEST of the flight is usable; or a set-point seems to be in the wrong unit or to
-            have the wrong sign, in the light of the attitude that answers to it.
+        FlatsatError: less than SHORTEST of the flight is usable, most rows are out of order, or most poses jump; or a
+            set-point seems to be in the wrong unit or to have the wrong sign, by the attitude that answers.
     """
     faults: dict[str, int] = {"damaged": log.damaged}
     poses, commands = _increasing(log.pose_time), _increasing(log.command_time)
     faults["duplicated or out of order"] = max(_left(poses), _left(commands))
+    for what, times in (("poses", log.pose_time), ("commands", log.command_time)):
+        early = int((times < np.maximum.accumulate(times)).sum())
+        if 2 * early > len(times):
+            raise FlatsatError(
+                f"{log.name}: {early} of {len(times)} {what} are earlier than one before: must be in the order of time"
+            )
     time, position, angles = log.pose_time[poses], log.position[poses], log.angles[poses].copy()
     sent, command = log.command_time[commands], log.command[commands]
 
@@ -109,6 +115,11 @@ def screen(log: FlightLog) -> Samples:
     faults["with a pose that stands still"] = int(frozen.sum())
     jumped = _jumped(time, position)
     faults["with a pose that jumps"] = int(jumped.sum())
+    if 2 * faults["with a pose that jumps"] > len(time):
+        raise FlatsatError(
+            f"{log.name}: {faults['with a pose that jumps']} of {len(time)} poses are faster than {_SPEED:g} m/s: "
+            "must have positions in m; of others a column map says the unit"
+        )
     bad = ~np.isfinite(command).all(axis=1) | (np.abs(command[:, :2]) > math.pi / 2).any(axis=1)
     bad |= ~((command[:, 2] >= 0.0) & (command[:, 2] <= PWM_FULL))
     faults["with an impossible command"] = int(bad.sum())

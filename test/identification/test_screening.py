@@ -148,6 +148,18 @@ def test_interpolated_commands_are_said(logs: list[FlightLog]) -> None:
             {name: lambda t: t[-1:].fill(1e9) for name in ("pose_time", "command_time")},
             "duration = 1000000000.0 s: must be at most 3600 s",
         ),
+        (
+            {"pose_time": lambda t: t.__imul__(-1.0)},
+            "poses are earlier than one before: must be in the order of time",
+        ),
+        (
+            {"command_time": lambda t: t[100:].fill(0.0)},
+            r"[0-9] of [0-9]+ commands are earlier than one before",
+        ),
+        (
+            {"position": lambda p: p.__imul__(1000.0)},
+            "poses are faster than 8 m/s: must have positions in m; of others",
+        ),
         ({"command_time": lambda t: t.__iadd__(1000.0)}, "have less than 5.0 s in common"),
     ],
 )
