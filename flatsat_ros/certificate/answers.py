@@ -97,15 +97,16 @@ class _Running:
     Attributes:
         place: (N,) of each loop among those of the batch.
         waiting: (N, F) for which factors it still remembers.
-        rows, turns: (N, p + n, n) and (N, d, p + n, n), C A^i and A^i at the chunk's beginning; their derivatives.
+        rows: (N, p + n, n), C A^i and A^i at the chunk's beginning.
+        turns: (N, d, p + n, 2 n), their derivatives, and beside them the rows again.
         rows_sum, turns_sum: (N, p + n, n, F), sums of their sizes over the chunks; the derivatives' times the reach.
         plain, others: (N, p + n, b, F) and (N, p + n, c, F), sums of the answers' sizes.
         vertex, bent: (N, V, p, b, F) and (N, n, b, F), likewise; those of the state's derivatives, times the reach.
         peaks, vertex_peaks, bent_peaks: (N, p + n, k, 16), (N, V, p, k, 16) and (N, n, k, 16), largest ones to starts
             for the last factor, at each period of a chunk.
         moved, moved_others: (N, n, 16 b) and (N, n, 16 c), A^j of the columns, of each the periods of a chunk.
-        turned: (N, d, 2 n, 16 b), what derivatives of rows and, below, rows are multiplied with for the derivatives.
-        power, slope: (N, n, n) and (N, d, n, n), A^j over the whole chunk.
+        turned: (N, d, 2 n, 16 b), A^j of the followed columns and, below, their derivatives: times turns derivatives.
+        power, slope: (N, n, n) A^j over the whole chunk, and (N, d, 2 n, n) with its derivatives below.
         shares: (N, V, 1 + d) combinations of an answer and its derivatives at the vertices.
         reach: (N, d) the largest distance of a vertex.
     """
@@ -179,12 +180,12 @@ class _Sums:
         """Return rows of the first chunk, and nothing gathered."""
         N, n, m, k, f = self.shape
         p, d, V, F = self.signals.shape[1], self.reach.shape[1], self.shares.shape[1], len(self.chunk)
-        every, moved = np.broadcast_to(np.eye(n), (N, n, n)), self.moved.mid
+        rows = np.concatenate([self.signals.mid, np.broadcast_to(np.eye(n), (N, n, n))], axis=1)
         return _Running(
             place=np.arange(N),
             waiting=np.ones((N, F), dtype=bool),
-            rows=np.concatenate([self.signals.mid, every], axis=1),
-            turns=np.zeros((N, d, p + n, n)),
+            rows=rows,
+            turns=np.concatenate([np.zeros((N, d, p + n, n)), np.zeros((N, d, p + n, n)) + rows[:, None]], axis=3),
             rows_sum=np.zeros((N, p + n, n, F)),
             turns_sum=np.zeros((N, p + n, n, F)),
             plain=np.zeros((N, p + n, f + k, F)),
@@ -194,11 +195,11 @@ class _Sums:
             peaks=np.zeros((N, p + n, k, _CHUNK)),
             vertex_peaks=np.zeros((N, V, p, k, _CHUNK)),
             bent_peaks=np.zeros((N, n, k, _CHUNK)),
-            moved=moved.copy(),
+            moved=self.moved.mid.copy(),
             moved_others=self.others.mid.copy(),
-            turned=np.concatenate([np.zeros_like(self.turned.mid) + moved[:, None], self.turned.mid], axis=2),
+            turned=_over(self.moved.mid, self.turned.mid),
             power=self.power.mid.copy(),
-            slope=self.slope.mid.copy(),
+            slope=_over(self.power.mid, self.slope.mid),
             shares=self.shares.copy(),
             reach=self.reach.copy(),
         )
@@ -220,8 +221,7 @@ class _Sums:
                     break
                 values, vertex, others = (array[:count] for array in memory)
                 np.matmul(now.rows, now.moved, out=_flat(values[:, 0], 2))
-                both = np.concatenate([now.turns, np.broadcast_to(now.rows[:, None], now.turns.shape)], axis=3)
-                np.matmul(both, now.turned, out=_flat(values[:, 1:], 3))
+                np.matmul(now.turns, now.turned, out=_flat(values[:, 1:], 3))
                 np.matmul(now.rows, now.moved_others, out=_flat(others, 2))
                 np.matmul(now.shares, _flat(values[:, :, :p], 2), out=_flat(vertex, 2))
                 sums, vertex_sums, others_sums = (array[:count] for array in totals)
@@ -230,7 +230,7 @@ class _Sums:
                     np.matmul(_flat(array, -1), self.inputs * scale, out=_flat(total, -1))
                 now.vertex[:] += vertex_sums
                 now.others[:] += others_sums
-                reach = now.reach[:, :, None, None]
+                reach, turns = now.reach[:, :, None, None], now.turns[..., :n]
                 now.plain[:] += sums[:, 0]
                 now.bent[:] += (reach[..., None] * sums[:, 1:, p:]).sum(axis=1)
                 if k:
@@ -239,11 +239,12 @@ class _Sums:
                     _keep(now.vertex_peaks, vertex[..., f:, :], weight)
                     _keep(now.bent_peaks, (reach[..., None] * values[:, 1:, p:]).sum(axis=1), weight)
                 now.rows_sum[:] += scale * np.abs(now.rows)[..., None]
-                now.turns_sum[:] += scale * (reach * np.abs(now.turns)).sum(axis=1)[..., None]
-                now.turns[:] = now.turns @ now.power[:, None] + now.rows[:, None] @ now.slope
+                now.turns_sum[:] += scale * (reach * np.abs(turns)).sum(axis=1)[..., None]
+                turns[:] = now.turns @ now.slope
                 now.rows[:] = now.rows @ now.power
+                now.turns[..., n:] = now.rows[:, None]
                 scale = scale * self.chunk
-                left = np.abs(now.rows) + (reach * np.abs(now.turns)).sum(axis=1)
+                left = np.abs(now.rows) + (reach * np.abs(turns)).sum(axis=1)
                 sizes = now.others[:, p:].sum(axis=2) + (now.plain[:, p:, :f] + now.bent[:, :, :f]).sum(axis=2)
                 sizes[..., -1] += (now.peaks[:, p:] + now.bent_peaks).sum(axis=(2, 3))
                 remembered = (scale * (left[:, p:] @ sizes) / sizes).max(axis=1)
@@ -332,6 +333,11 @@ def _flat(array: FloatArray, axes: int) -> FloatArray:
     if axes < 0:
         return array.reshape(math.prod(array.shape[:axes]), *array.shape[axes:])
     return array.reshape(*array.shape[:axes], math.prod(array.shape[axes:]))
+
+
+def _over(values: FloatArray, derivatives: FloatArray) -> FloatArray:
+    """Return (N, d, 2 n, m): values (N, n, m) over each of their derivatives (N, d, n, m)."""
+    return np.concatenate([np.zeros_like(derivatives) + values[:, None], derivatives], axis=2)
 
 
 def _side_by_side(parts: Sequence[Enclosure]) -> Enclosure:

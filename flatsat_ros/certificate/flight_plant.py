@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -225,6 +225,7 @@ class Timing(Generic[Time]):
     depth: int
 
     @staticmethod
+    @lru_cache(maxsize=1024)  # many cells have the same delay
     def of(design: Design, delay: Fraction, pose_age: Fraction) -> Timing[Fraction]:
         """Return it for a delay of the plant and an age of poses, s."""
         h, nominal = decimal(design.period), decimal(design.model.delay)
