@@ -27,8 +27,9 @@ _FORGOTTEN = 1e-4
 # Periods after which a loop that still remembers is given up.
 _PERIODS_MAX = 20_000
 
-# Loops that are summed side by side: as many as fit into a processor's cache.
-_BATCH = 8
+# Loops that are summed side by side: so few that intermediate results stay below 128 KiB, beyond which the system hands
+# out and takes back memory each time, which takes longer than to compute.
+_BATCH = 4
 
 # By how much, relatively, the sums of the state are taken to be above what was summed, and rounds to find them.
 _SLACK, _ROUNDS = 1e-6, 60
