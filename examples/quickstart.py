@@ -4,9 +4,9 @@ from matplotlib.figure import Figure
 
 from flatsat_ros import Pilot, Policy, SimulatedFleet, Trajectory, Tuning, fly, load_certificate, load_vehicle
 
-certificate, vehicle = load_certificate("cf21_50hz"), load_vehicle("cf21")
+certificate, vehicle = load_certificate("cf21_adaptive_50hz"), load_vehicle("cf21")
 tuning = Tuning(adaptation_rate=2.0, threshold=0.05, gain_initial=1.0, gain_max=certificate.gain_max)
-pilot, fleet = Pilot(certificate, tuning, Policy(disturbance_max=0.8), count=1), SimulatedFleet(vehicle, count=1)
+pilot, fleet = Pilot(certificate, tuning, Policy(), count=1), SimulatedFleet(vehicle, count=1, command_delay=0.028)
 now, track = 0.0, []  # s; time and position at every tick
 for goal in ([0.0, 0.0, 1.0], [0.5, 0.0, 1.0]):  # m
     pilot.set_reference(0, Trajectory.hold(goal))
