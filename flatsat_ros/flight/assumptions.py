@@ -192,7 +192,7 @@ class Monitors:
         squares = squares[..., ::2]
         shares = squares[:, 0] / self._easy[0]
         self.ratio = np.sqrt(np.maximum(shares[:, 0], shares[:, 1]))
-        steady, all_fly = flying, _all(flying)
+        steady, all_fly = flying, all_of(flying)
         if not all_fly:
             np.copyto(self._grounded, now, where=~flying)
             self._ready = now + self._settling
@@ -208,12 +208,12 @@ class Monitors:
             and jumped is None
             and not self._late
             and all_fly
-            and _all(squares <= self._easy)
-            and _all(seen.age <= bounds[0])
-            and _all(self._references.demand <= bounds[7])
-            and _all(seen.gain <= bounds[8])
-            and _all(seen.gain * bounds[9] >= 1.0)
-            and _all(self._due <= now)
+            and all_of(squares <= self._easy)
+            and all_of(seen.age <= bounds[0])
+            and all_of(self._references.demand <= bounds[7])
+            and all_of(seen.gain <= bounds[8])
+            and all_of(seen.gain * bounds[9] >= 1.0)
+            and all_of(self._due <= now)
         ):
             self.broken, self.lost, self.quiet = self._nothing, self._nobody, True
             if np.count_nonzero(self._outside):
@@ -314,11 +314,6 @@ class Monitors:
             return float(self._sizes[index, 0, part]), float(self._tube[part])
         column = int((self._values[index] > self._bounds).argmax())
         return float(self._values[index, column]), float(self._bounds[column])
-
-
-def _all(holds: np.ndarray) -> bool:
-    """Whether all of an array holds; on few entries faster than all()."""
-    return all_of(holds)
 
 
 def _settling(axis: Axis) -> float:
