@@ -23,8 +23,11 @@ def test_drones_are_disarmed_armed_flown_and_landed_by_services_of_one_and_of_al
     controller = lab.fly(*robots, takeoff_height=0.4)
     lab.wait(lambda: all(poses[robot] and telemetry[robot] for robot in robots), "poses and telemetry")
 
+    def modes_of(robot: str, since: int) -> set[Mode]:
+        return {Mode(int(row.data[FIELDS.index("mode")])) for row in telemetry[robot][since:]}
+
     def modes() -> set[Mode]:
-        return {Mode(int(seen[-1].data[FIELDS.index("mode")])) for seen in telemetry.values()}
+        return set().union(*(modes_of(robot, -1) for robot in robots))
 
     def trigger(who: str, name: str) -> Any:
         return lab.ask(Trigger, interfaces.service_of(who, name))
@@ -43,7 +46,9 @@ def test_drones_are_disarmed_armed_flown_and_landed_by_services_of_one_and_of_al
             )
         assert arm(who, False).success
         assert "disarmed: arm it first" in trigger(who, "takeoff").message
+        seen = {robot: len(telemetry[robot]) for robot in named}
         assert arm(who, True).success
+        lab.wait(lambda seen=seen: all(Mode.UNLOCK in modes_of(robot, seen[robot]) for robot in seen), "the unlocking")
     # refused until the controller, too, has seen enough poses
     for who in ("cf1", everybody):
         lab.wait(lambda who=who: trigger(who, "takeoff").success, f"the take-off of {who}")
