@@ -114,7 +114,9 @@ class Stage(Node):  # type: ignore[misc]
     def _on_timer(self) -> None:
         now = self.get_clock().now().nanoseconds
         sway = 0.05 * np.sin(2.0 * np.pi * 0.2 * now / messages.NANOSECONDS)
-        positions = np.array([[i + sway, 0.0, 1.0] for i in range(len(ROBOTS))]) + self._rng.normal(0.0, 1e-3, (3, 3))
+        # up and down, too: a drone that stays at its height while its thrust varies is taken for one on the ground
+        positions = np.array([[i + sway, 0.0, 1.0 + sway] for i in range(len(ROBOTS))])
+        positions += self._rng.normal(0.0, 1e-3, positions.shape)
         for publisher, position in zip(self._publishers_of, positions.tolist(), strict=True):
             messages.fill_pose(self._pose, now, position, (0.0, 0.0, 0.0, 1.0))
             publisher.publish(self._pose)
