@@ -28,6 +28,7 @@ _RESERVE = 1e-4  # m/s^2, likewise
 _SHORTEST_LEG = 0.1  # s
 _SAMPLES = 3  # of each span, at which pairs keep apart
 _SMOOTH = 1e-3  # s, weight of the mean squared jerk over the largest
+_ENDED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 _SWIRL = 0.05  # detour of each drone to its right at first, as a share of the way: the planner's, too
 
 
@@ -35,7 +36,7 @@ class Answer(NamedTuple):
     """What ipopt says.
 
     Attributes:
-        curves: its references, rounded as those of plans.
+        curves: its references, rounded as those of plans; none where it has not ended.
         seconds, solving: CPU time of everything, and of ipopt alone, s.
         status: how it ended.
     """
@@ -98,7 +99,9 @@ def shortest(mission: Mission, most: float) -> Answer:
     lowest = np.concatenate([np.full(count, _SHORTEST_LEG), np.full(start.size - count, -math.inf)])
     solving = time.process_time()
     found = solver(x0=start, lbx=lowest, lbg=np.concatenate(asked.lower), ubg=np.concatenate(asked.upper))
-    end = time.process_time()
+    end, status = time.process_time(), solver.stats()["return_status"]
+    if status not in _ENDED:
+        return Answer((), end - begin, end - solving, status)
     values = np.asarray(found["x"]).ravel()
     durations = casadi.Function("widths", [times], [casadi.vertcat(*widths) * pace])(values[:count])
     knots = np.concatenate([[0], np.cumsum(np.rint(1e6 * np.asarray(durations).ravel()).astype(int))])
@@ -107,7 +110,7 @@ def shortest(mission: Mission, most: float) -> Answer:
     for drone, points in zip(mission.drones, rows, strict=True):
         first, last = np.repeat(drone.waypoints[[0, -1]], AT_REST, axis=0).reshape(2, AT_REST, 3)
         curves.append(Curve.rounded(knots.tolist(), np.concatenate([first, points, last])))
-    return Answer(tuple(curves), end - begin, end - solving, solver.stats()["return_status"])
+    return Answer(tuple(curves), end - begin, end - solving, status)
 
 
 class _Asked:

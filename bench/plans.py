@@ -61,7 +61,8 @@ class Result(NamedTuple):
         duration: of the best plan, s.
         bound: s.
         plain: duration, CPU time, s, and violations of the quadratic program.
-        ipopt: the same of CasADi and ipopt; None where it was not asked.
+        ipopt: the same of CasADi and ipopt; None where it was not asked. Where it has not ended, its duration is None,
+            and how it was stopped stands in place of the violations.
         solving: CPU time of ipopt alone, s.
     """
 
@@ -74,7 +75,7 @@ class Result(NamedTuple):
     duration: float = 0.0
     bound: float = 0.0
     plain: tuple[float, float, str] | None = None
-    ipopt: tuple[float, float, str] | None = None
+    ipopt: tuple[float | None, float, str] | None = None
     solving: float = 0.0
 
 
@@ -136,9 +137,10 @@ def compared(missions: Iterable[Mission | Result], seconds: float) -> Iterator[R
                 import ipopt
 
                 answer = ipopt.shortest(mission, IPOPT_SECONDS)
-                ended = "" if answer.status == "Solve_Succeeded" else f"{answer.status}; "
-                theirs = (answer.curves[0].duration, answer.seconds, ended + violations(mission, answer.curves))
-                found = found._replace(ipopt=theirs, solving=answer.solving)
+                found = found._replace(ipopt=(None, answer.seconds, answer.status), solving=answer.solving)
+                if answer.curves:
+                    theirs = answer.curves[0].duration, answer.seconds, violations(mission, answer.curves)
+                    found = found._replace(ipopt=theirs)
         yield found
 
 
@@ -216,7 +218,8 @@ def shown(results: Iterable[Result]) -> str:
         row = [found.name, f"{found.first:.2f}", f"{found.seconds:.2f}", f"{found.duration:.2f}"]
         row.append(f"{found.duration / found.bound:.4f}")
         for other in (found.plain, found.ipopt):
-            row += ["", "", ""] if other is None else [f"{other[1]:.2f}", f"{other[0] / found.duration:.3f}", other[2]]
+            duration = "" if other is None or other[0] is None else f"{other[0] / found.duration:.3f}"
+            row += ["", "", ""] if other is None else [f"{other[1]:.2f}", duration, other[2]]
         rows.append(row)
     header = ["", "first, CPU s", "all, CPU s", "duration s", "/ bound"]
     for name in ("least snap", "ipopt"):

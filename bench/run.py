@@ -1,6 +1,7 @@
 """`make bench`: law and plans against solvers, nodes against bare ones, flights, tubes, what the viewer costs.
 
-Exit code 0 when all answers agree and every process did its work; targets are reported, not enforced.
+Exit code 0 when all answers agree and every process did its work, 1 where a part failed: it is named at the end, and
+the others are run all the same; bench.json is written after each part. Targets are reported, not enforced.
 """
 
 from __future__ import annotations
@@ -11,9 +12,11 @@ import os
 import platform
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +35,7 @@ import viewer
 from report import Quartiles, Target, quartiles, table
 from tqdm import tqdm
 
-from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.base.errors import FlatsatError, one_line
 from flatsat_ros.base.files import make_folder, write_text
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, Certificate, load_certificate
@@ -60,20 +63,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.against is not None:
         return _compare_ticks(arguments.against)
     os.environ["ROS_LOG_DIR"] = str((folder / "log").resolve())
-    try:
-        targets: list[Target] = []
-        results = {"machine": _machine(), "plans": _compare_plans(arguments.missions, targets)}
-        results |= {} if arguments.missions is not None else {
-            "law": _compare_law(load_certificate(_CERTIFICATE), targets),
-            "processes": _compare_processes(folder, targets),
-            "proofs": _compare_proofs(targets),
-            "offset_free": _compare_offsets(targets),
-            "swap": _compare_swaps(targets),
-            "viewer": _compare_viewer(folder, targets),
-        }  # fmt: skip
-    except FlatsatError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
+    targets: list[Target] = []
+    parts: dict[str, Callable[[], Any]] = {"plans": partial(_compare_plans, arguments.missions, targets)}
+    if arguments.missions is None:
+        parts |= {
+            "law": lambda: _compare_law(load_certificate(_CERTIFICATE), targets),
+            "processes": partial(_compare_processes, folder, targets),
+            "proofs": partial(_compare_proofs, targets),
+            "offset_free": partial(_compare_offsets, targets),
+            "swap": partial(_compare_swaps, targets),
+            "viewer": partial(_compare_viewer, folder, targets),
+        }
+    failed = _run(parts, targets, folder / "bench.json")
     print("\nTargets")
     print(
         table(
@@ -81,10 +82,36 @@ def main(argv: Sequence[str] | None = None) -> int:
             [[t.what, f"{t.at_most:.4g}", str(t.measured), "met" if t.met else "NOT MET"] for t in targets],
         )
     )
-    results["targets"] = [{**t._asdict(), "measured": t.measured._asdict(), "met": t.met} for t in targets]
-    write_text(folder / "bench.json", json.dumps(results, indent=2) + "\n")
     print(f"\n{folder / 'bench.json'}")
-    return 0
+    for name, reason in failed.items():
+        print(f"error: {name}: {reason}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def _run(parts: Mapping[str, Callable[[], Any]], targets: Sequence[Target], file: Path) -> dict[str, str]:
+    """Run all parts and keep what each found as soon as it has ended; return why parts failed, by name.
+
+    Args:
+        parts: by name; what each returns goes into the file.
+        targets: where the parts put theirs.
+        file: to write, JSON.
+    """
+    results: dict[str, Any] = {"machine": _machine()}
+    failed: dict[str, str] = {}
+    for name, part in parts.items():
+        try:
+            results[name] = part()
+        except (FlatsatError, OSError) as error:
+            failed[name] = one_line(str(error))
+        except Exception as error:  # a defect, or a library that is missing: the others are worth having all the same
+            traceback.print_exc()
+            failed[name] = one_line(repr(error))
+        results |= {
+            "targets": [{**t._asdict(), "measured": t.measured._asdict(), "met": t.met} for t in targets],
+            "failed": failed,
+        }
+        write_text(file, json.dumps(results, indent=2) + "\n")
+    return failed
 
 
 def _compare_law(certificate: Certificate, targets: list[Target]) -> dict[str, Any]:
@@ -234,10 +261,11 @@ def _compare_plans(folder: Path | None, targets: list[Target]) -> list[dict[str,
     for found in results:
         figures = []
         if found.ipopt is not None and found.drones == 1:
-            figures = [
-                ("ours over ipopt's duration", _IPOPT_TARGET, found.duration / found.ipopt[0]),
-                ("ours over ipopt's processor time", 1.0, found.seconds / found.ipopt[1]),
-            ]
+            duration, seconds, _ = found.ipopt
+            ended = "" if duration is not None else ", which has not ended"
+            figures = [(f"ours over ipopt's processor time{ended}", 1.0, found.seconds / seconds)]
+            if duration is not None:
+                figures.append(("ours over ipopt's duration", _IPOPT_TARGET, found.duration / duration))
         elif not found.refused and found.drones > 1:
             figures = [("duration over the bound", _BOUND_TARGET, found.duration / found.bound)]
         targets += [
@@ -287,13 +315,15 @@ def _scaled(spread: Quartiles, factor: float) -> Quartiles:
 
 
 def _machine() -> Mapping[str, Any]:
-    packages = ("numpy", "cvxpy", "clarabel", "osqp", "casadi")
-    return {
+    found: dict[str, Any] = {
         "python": platform.python_version(),
         "machine": platform.machine(),
         "cores": os.cpu_count(),
-        **{package: version(package) for package in packages},
     }
+    for package in ("numpy", "cvxpy", "clarabel", "osqp", "casadi"):
+        with suppress(PackageNotFoundError):
+            found[package] = version(package)
+    return found
 
 
 if __name__ == "__main__":

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import ast
+import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import yaml
@@ -51,3 +54,14 @@ def test_no_test_imports_the_benchmark(root: Path) -> None:
         imported = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
         imported |= {str(node.module) for node in nodes if isinstance(node, ast.ImportFrom)}
         assert not bench & {name.partition(".")[0] for name in imported}, file
+
+
+def test_a_part_of_the_benchmark_that_fails_is_named_and_what_was_measured_is_kept(root: Path, tmp_path: Path) -> None:
+    command = [sys.executable, str(root / "bench" / "run.py"), "--output", str(tmp_path / "out")]
+    ended = subprocess.run([*command, "--missions", str(tmp_path / "none")], text=True, capture_output=True, check=False)
+    kept = json.loads((tmp_path / "out" / "bench.json").read_text(encoding="utf-8"))
+    assert ended.returncode == 1
+    (reason,) = re.findall("^error: plans: (.*)$", ended.stderr, re.MULTILINE)
+    assert kept["failed"] == {"plans": reason}
+    assert kept["machine"]["python"]
+    assert "Targets" in ended.stdout
