@@ -115,6 +115,7 @@ def test_what_cannot_be_written_ends_it_in_one_line(
 
     monkeypatch.setattr(BagWriter, "write", refuse)
     run_until(lambda: recorder.done)
+    recorder.finish()
     assert recorder.exit_code == 2
     assert capsys.readouterr().err == "error: bag: cannot be written: No space left on device\n"
 
