@@ -57,9 +57,10 @@ def test_no_test_imports_the_benchmark(root: Path) -> None:
 
 
 def test_a_part_of_the_benchmark_that_fails_is_named_and_what_was_measured_is_kept(root: Path, tmp_path: Path) -> None:
-    command = [sys.executable, str(root / "bench" / "run.py"), "--output", str(tmp_path / "out")]
-    ended = subprocess.run([*command, "--missions", str(tmp_path / "none")], text=True, capture_output=True, check=False)
-    kept = json.loads((tmp_path / "out" / "bench.json").read_text(encoding="utf-8"))
+    program, output, missions = root / "bench" / "run.py", tmp_path / "out", tmp_path / "none"
+    command = [sys.executable, str(program), "--output", str(output), "--missions", str(missions)]
+    ended = subprocess.run(command, text=True, capture_output=True, check=False)
+    kept = json.loads((output / "bench.json").read_text(encoding="utf-8"))
     assert ended.returncode == 1
     (reason,) = re.findall("^error: plans: (.*)$", ended.stderr, re.MULTILINE)
     assert kept["failed"] == {"plans": reason}
