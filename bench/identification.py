@@ -38,7 +38,7 @@ from flatsat_ros.identification.recording import read_csv
 from flatsat_ros.identification.residuals import Flight
 from flatsat_ros.identification.response import Figures
 from flatsat_ros.identification.screening import STEP, Samples, position_noise, screen
-from flatsat_ros.identification.validation import oldest
+from flatsat_ros.identification.validation import older, oldest
 from flatsat_ros.sim.dynamics import Wind
 
 AHEAD = 50  # samples, 0.5 s
@@ -292,10 +292,11 @@ def recordings(folder: Path) -> None:
         noise = (
             "not told" if len(sizes) == 0 else "{:.2g} / {:.2g} / {:.2g}".format(*np.percentile(sizes, (50, 99.9, 100)))
         )
-        kept = 1.0 - np.maximum(between - 0.021, 0.0).sum() / between.sum()
+        ages = np.column_stack([np.zeros_like(between), between])
+        kept = 1.0 - older(ages, 0.021)
         print(
             f"  {path.stem:24s} {between.sum():5.0f} s, {len(between) / between.sum():5.1f} Hz   {noise:22s} mm   "
-            f"99.9 % {1e3 * oldest(between, 0.999):6.0f} ms, longest {between.max():5.2f} s, up to 20 ms {kept:7.2%}"
+            f"99.9 % {1e3 * oldest(ages, 0.999):6.0f} ms, longest {between.max():5.2f} s, up to 20 ms {kept:7.2%}"
         )
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from flatsat_ros.cli import shell
 
 if TYPE_CHECKING:
+    from flatsat_ros.base.arrays import FloatArray
     from flatsat_ros.crazyflie.vehicle import VehicleProfile
     from flatsat_ros.identification.columns import ColumnMap
     from flatsat_ros.identification.identified import Identified
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from flatsat_ros.viewing.flight import Channel
 
 _BASE = "cf21"
+_WAY = 1.0  # s, by which poses are longer on their way than others, up to which it is not a clock that was set
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -50,7 +52,9 @@ def add_log_arguments(parser: shell.Parser) -> None:
     parser.add_argument(
         "--columns", metavar="NAME_OR_PATH", help="column map of the CSV files (default: by the header)"
     )
-    parser.add_argument("--drone", metavar="NAME", help="whose flight, of a bag with several")
+    parser.add_argument(
+        "--drone", metavar="NAME", help="whose flight, of a bag with several; each drone is judged by itself"
+    )
     parser.add_argument(
         "--backend",
         choices=("cpp", "cflib"),
@@ -142,7 +146,9 @@ def _read(path: Path, columns: ColumnMap | None, arguments: argparse.Namespace) 
 
 
 def bag_log(path: Path, drone: str | None, backend: str) -> FlightLog:
-    """Read poses and set-points of one drone from a bag, at the times at which they were recorded.
+    """Read poses and set-points of one drone from a bag, on the recorder's clock.
+
+    Set-points have no stamps: their times are those at which they were recorded.
 
     Args:
         path: of the bag.
@@ -154,7 +160,7 @@ def bag_log(path: Path, drone: str | None, backend: str) -> FlightLog:
     """
     import numpy as np
 
-    from flatsat_ros.base.errors import FlatsatError
+    from flatsat_ros.base.errors import FlatsatError, quoted
     from flatsat_ros.base.files import located
     from flatsat_ros.crazyflie.wire import Backend
     from flatsat_ros.identification.log import FlightLog, angles_of
@@ -166,7 +172,8 @@ def bag_log(path: Path, drone: str | None, backend: str) -> FlightLog:
     name = next(iter(tracks)) if drone is None and len(tracks) == 1 else drone
     if name not in tracks:
         names = ", ".join(sorted(tracks)) or "none"
-        raise located(path, f"--drone {name}: drones with both poses and cmd_vel_legacy are: {names}")
+        given = "--drone is not given" if drone is None else f"--drone = {quoted(drone)}"
+        raise located(path, f"{given}: must be one that has both poses and cmd_vel_legacy: {names}")
     channels = tracks[name]
     pose, command, battery = channels["pose"], channels["command"], channels.get("battery")
     ticks = channels.get("tick")
@@ -175,7 +182,7 @@ def bag_log(path: Path, drone: str | None, backend: str) -> FlightLog:
     try:
         return FlightLog(
             name=f"{path.stem}/{name}" if len(tracks) > 1 else path.stem,
-            pose_time=pose.times,
+            pose_time=_measured(pose),
             position=np.stack([pose.column(axis) for axis in "xyz"], axis=-1),
             angles=angles_of([pose.column(f"q{axis}") for axis in "xyzw"]),
             command_time=command.times,
@@ -183,9 +190,24 @@ def bag_log(path: Path, drone: str | None, backend: str) -> FlightLog:
             voltage_time=np.empty(0) if battery is None else battery.times,
             voltage=np.empty(0) if battery is None else battery.column("voltage"),
             flown=None if ticks is None else _flown(ticks),
+            arrived=pose.times,
         )
     except FlatsatError as error:
         raise located(path, error) from error
+
+
+def _measured(pose: Channel) -> FloatArray:
+    """Return when poses were measured, (n,), s on the recorder's clock; when they came, if their stamps do not tell.
+
+    A recorder that is late makes a drone that moves look disturbed; its stamps do not. What clocks differ by and what
+    each pose took on its way is not to be told apart: the least time on the way counts as none.
+    """
+    import numpy as np
+
+    if pose.stamps is None:
+        return pose.times
+    way = pose.times - pose.stamps
+    return pose.times if float(np.ptp(way)) > _WAY else pose.stamps + way.min()
 
 
 def _flown(ticks: Channel) -> Flown:

@@ -13,8 +13,8 @@ from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.identification.disturbances import disturbances, shared
 from flatsat_ros.identification.fit import BOUNDS
 from flatsat_ros.identification.identified import Identified
-from flatsat_ros.identification.log import FlightLog
-from flatsat_ros.identification.validation import between_poses, oldest
+from flatsat_ros.identification.log import FlightLog, ages
+from flatsat_ros.identification.validation import oldest
 
 COVERAGE = 0.999  # of the samples, if nothing else is asked for
 _LAG_LEAST = 2.0 * BOUNDS["damping"][0] / BOUNDS["natural_frequency"][1]  # s, of what a fit may find
@@ -68,6 +68,6 @@ def assumptions(
         reference,
         disturbance_rate=float(np.quantile(shared(change), coverage)),
         noise=float(np.quantile(shared(identified.noise), coverage)),
-        pose_age=oldest(between_poses(logs), coverage),
+        pose_age=oldest(np.concatenate([ages(log) for log in logs]), coverage),
     )
     return asdict(bounds) | {name: list(ends) for name, ends in ({"lag": lag, "delay": delay} | told).items()}

@@ -54,6 +54,7 @@ class FlightLog:
         voltage: (B,) V.
         damaged: number of lines of the file that are no rows of numbers.
         flown: of the ticks in which our controller flew by its law; None for a flight of another.
+        arrived: (M,) s, when the poses came to where the commands come from; None: when they were measured.
 
     Raises:
         FlatsatError: shapes differ, or a channel of poses or commands is empty.
@@ -69,15 +70,33 @@ class FlightLog:
     voltage: FloatArray
     damaged: int = 0
     flown: Flown | None = None
+    arrived: FloatArray | None = None
 
     def __post_init__(self) -> None:
         poses, commands = len(self.pose_time), len(self.command_time)
-        shapes = self.position.shape, self.angles.shape, self.command.shape, self.voltage.shape
-        expected = (poses, 3), (poses, 3), (commands, 3), self.voltage_time.shape
-        require(shapes == expected, "shapes of position, angles, command, voltage", shapes, "", str(expected))
+        came = self.pose_time if self.arrived is None else self.arrived
+        shapes = self.position.shape, self.angles.shape, self.command.shape, self.voltage.shape, came.shape
+        expected = (poses, 3), (poses, 3), (commands, 3), self.voltage_time.shape, (poses,)
+        require(shapes == expected, "shapes of position, angles, command, voltage, arrived", shapes, "", str(expected))
         for channel, count in (("poses", poses), ("commands", commands)):
             if count < 2:
                 raise FlatsatError(f"{self.name}: it has {count} {channel}: must have at least 2")
+
+
+def ages(log: FlightLog) -> FloatArray:
+    """Return how old the newest pose with a position was when it came and when the next one did, (n, 2), s.
+
+    From the first command with thrust to the last: what comes before and behind is no flight.
+    """
+    came = log.pose_time if log.arrived is None else log.arrived
+    order = np.argsort(came, kind="stable")
+    order = order[np.isfinite(log.position[order]).all(axis=1)]
+    came, newest = came[order], np.maximum.accumulate(log.pose_time[order])
+    found = np.stack([came[:-1], came[1:]], axis=-1) - newest[:-1, np.newaxis]
+    told = log.command_time[log.command[:, 2] > 0.0]
+    if len(told):
+        found = found[(came[1:] > told[0]) & (came[:-1] < told[-1])]
+    return found
 
 
 def read_log(path: str | os.PathLike[str], columns: ColumnMap | None = None) -> FlightLog:

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
@@ -22,7 +23,7 @@ from flatsat_ros.crazyflie.intervals import Interval, Intervals
 from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile
 from flatsat_ros.identification.disturbances import BANDWIDTH, blur, disturbances, shared
 from flatsat_ros.identification.identified import NAMES, Identified
-from flatsat_ros.identification.log import FlightLog, Flown
+from flatsat_ros.identification.log import FlightLog, Flown, ages
 
 SUPPORTS, CONTRADICTS, SILENT = "supports", "contradicts", "silent"
 COVERED = 0.999  # share of the samples that must keep a bound
@@ -218,31 +219,29 @@ def _share(name: str, sizes: FloatArray, most: float, unit: str, unsure: float =
 
 def _poses(age: float, period: float, logs: Sequence[FlightLog]) -> Verdict:
     """Judge whether at nearly all times there is a pose that is no older than an age."""
-    between = between_poses(logs)
-    # a gap counts by the time it takes: in it, its share of all moments has no pose that is new enough
-    share = 1.0 - float(np.maximum(between - age - _ROUNDING, 0.0).sum() / between.sum())
+    found = np.concatenate([ages(log) for log in logs])
+    share = 1.0 - older(found, age + _ROUNDING)
+    before = found[:, 1]
     shown = (
-        f"median {np.median(between):.3g} s apart, longest {between.max():.3g} s; no older than that {share:.2%} of "
-        f"the time, than {oldest(between, COVERED):.3g} s {COVERED:.1%}"
+        f"{np.median(before):.3g} s old before the next (median), at most {before.max():.3g} s; no older than that "
+        f"{share:.2%} of the time, than {oldest(found, COVERED):.3g} s {COVERED:.1%}"
     )
     bound = f"a pose each {age:.4g} s" if age == period else f"at most {age:.4g} s old"
     return Verdict("pose gaps", bound, shown, SUPPORTS if share >= COVERED else CONTRADICTS)
 
 
-def between_poses(logs: Sequence[FlightLog]) -> FloatArray:
-    """Return the times (n,) between poses that have a position, s."""
-    return np.concatenate([np.diff(np.unique(log.pose_time[np.isfinite(log.position).all(axis=1)])) for log in logs])
+def older(found: FloatArray, age: float) -> float:
+    """Return the share of the time in which the newest pose is older than an age, s, of `ages` (n, 2), s."""
+    begin, end = found.T
+    # a gap counts by the time it takes
+    return float(np.maximum(end - np.maximum(begin, age), 0.0).sum() / (end - begin).sum())
 
 
-def oldest(between: FloatArray, coverage: float) -> float:
+def oldest(found: FloatArray, coverage: float) -> float:
     """Return an age, s, above which the newest pose is at no more than 1 - coverage of all moments.
 
     Args:
-        between: (n,) times between poses, s.
+        found: (n, 2) `ages`, s.
         coverage: below 1.
     """
-    allowed, gaps = (1.0 - coverage) * float(between.sum()), np.sort(between)[::-1]
-    # of the k longest gaps, the age a leaves sum(g_i) - k a
-    total = np.cumsum(gaps)
-    ages = (total - allowed) / np.arange(1, len(gaps) + 1)
-    return float(max(ages.max(), 0.0))
+    return float(brentq(lambda age: older(found, age) - (1.0 - coverage), 0.0, found.max(), xtol=1e-9))

@@ -2,7 +2,7 @@
 
 What is known by its type: poses of several kinds, the set-points of crazyswarm2, our telemetry, batteries, lines of the
 log, and what our controller says of itself. All times are those at which the messages were recorded: stamps of several
-machines need not agree.
+machines need not agree. Those of poses are kept beside them.
 """
 
 from __future__ import annotations
@@ -186,8 +186,8 @@ def _telemetry(message: Any) -> list[Sample]:
 
 
 def _shown(read: Callable[[Any], list[Seen]]) -> Callable[[Any], list[Sample]]:
-    """Return what makes samples of the poses in a message."""
-    return lambda message: [("pose", seen.name, seen.values) for seen in read(message)]
+    """Return what makes samples of the poses in a message, the stamp, ns, behind their values."""
+    return lambda message: [("pose", seen.name, (*seen.values, seen.stamp)) for seen in read(message)]
 
 
 # by message type: the samples in a message
@@ -236,6 +236,10 @@ class _Collected:
                 self._log.append((time, _SEVERITIES.get(values[0], "info"), f"{name}: {values[1]}"))
             elif kind == "setup":
                 self._setup |= _setup_of(values[0])
+            elif kind == "pose":
+                # a stamp of 0 is none
+                stamp = (values[-1] - self._begin) / _NANOSECONDS if values[-1] else seconds
+                self._samples[kind, topic, name].append((seconds, *values[:-1], stamp))
             else:
                 self._samples[kind, topic, name].append((seconds, *values))
 
@@ -249,8 +253,9 @@ class _Collected:
                 notes.append(f"{drone}: there are several sources of {kind}; {topic} is not shown.")
                 continue
             samples = np.array(rows, dtype=np.float64)
-            order = np.argsort(samples[:, 0], kind="stable")
-            tracks[drone][kind] = Channel(_FIELDS[kind], samples[order])
+            samples = samples[np.argsort(samples[:, 0], kind="stable")]
+            stamps = samples[:, -1] if kind == "pose" else None
+            tracks[drone][kind] = Channel(_FIELDS[kind], samples[:, : 1 + len(_FIELDS[kind])], stamps)
         common = _common_prefix(list(tracks))
         short = {drone: drone[len(common) :].strip("/") or drone for drone in sorted(tracks)}
         named = [Track(name, tracks[drone]) for drone, name in short.items()]

@@ -22,10 +22,12 @@ class Channel:
     Attributes:
         fields: names of the values.
         samples: (n, 1 + len(fields)): time, s, rising, and the values.
+        stamps: (n,) of poses, s: when they were measured, on the clock of whoever measured; None where nobody says.
     """
 
     fields: tuple[str, ...]
     samples: FloatArray
+    stamps: FloatArray | None = None
 
     def column(self, name: str) -> FloatArray:
         """Return the values (n,) of a field."""

@@ -15,6 +15,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from flatsat_ros import load_certificate
+from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.cli import excitation, validate
 from flatsat_ros.cli.identify import bag_log, main
@@ -45,13 +46,17 @@ def flight(log: FlightLog, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def write_bag(
-    log: FlightLog, folder: Path, drones: tuple[str, ...], ticks: Sequence[tuple[float, Sequence[float]]] = ()
+    log: FlightLog,
+    folder: Path,
+    drones: tuple[str, ...],
+    ticks: Sequence[tuple[float, Sequence[float]]] = (),
+    late: FloatArray | None = None,
 ) -> Path:
     """A bag in which drones fly alike, as crazyswarm2's cflib back end has them (pitch set-point negative).
 
-    Of our controller there are ticks: times, s, and rows of telemetry.
+    Of our controller there are ticks: times, s, and rows of telemetry. Poses are recorded so late (n,), s, after they
+    were stamped, by a clock that is an hour behind; None: at once, without a stamp.
     """
-    header = T["std_msgs/msg/Header"](T["builtin_interfaces/msg/Time"](0, 0), "world")
     vector = T["geometry_msgs/msg/Vector3"]
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
 
@@ -63,11 +68,14 @@ def write_bag(
                 writer.write(connections[name], 10**9 + round(time * 1e9), STORE.serialize_cdr(message, kind))
 
         connections: dict[str, Any] = {}
-        for time, place, (roll, pitch, _) in zip(log.pose_time, log.position, log.angles, strict=True):
+        way = np.zeros(len(log.pose_time)) if late is None else late
+        for time, place, (roll, pitch, _), after in zip(log.pose_time, log.position, log.angles, way, strict=True):
+            stamp = divmod(3600 * 10**9 + round(time * 1e9), 10**9) if late is not None else (0, 0)
+            header = T["std_msgs/msg/Header"](T["builtin_interfaces/msg/Time"](*stamp), "world")
             (cr, cp), (sr, sp) = np.cos([roll / 2, pitch / 2]), np.sin([roll / 2, pitch / 2])
             turn = T["geometry_msgs/msg/Quaternion"](sr * cp, cr * sp, -sr * sp, cr * cp)
             pose = T["geometry_msgs/msg/Pose"](T["geometry_msgs/msg/Point"](*place), turn)
-            put("pose", T["geometry_msgs/msg/PoseStamped"](header, pose), time)
+            put("pose", T["geometry_msgs/msg/PoseStamped"](header, pose), time + after)
         for time, command in zip(log.command_time, log.command, strict=True):
             roll, pitch = np.rad2deg(command[:2])
             put("cmd_vel_legacy", T["geometry_msgs/msg/Twist"](vector(-pitch, roll, command[2]), vector(0, 0, 0)), time)
@@ -109,9 +117,20 @@ def test_a_bag_is_the_same_log(log: FlightLog, tmp_path: Path) -> None:
         assert_allclose(getattr(read, name), getattr(log, name), atol=1e-9, err_msg=name)
     assert_allclose(read.angles[:, :2], log.angles[:, :2], atol=1e-9)
     assert_allclose(bag_log(bag, "cf2", "cpp").command[:, 1], -log.command[:, 1], atol=1e-9)
-    for drone in (None, "cf3"):
-        with pytest.raises(FlatsatError, match=f"--drone {drone}: drones with both .* are: cf1, cf2"):
+    for drone, text in ((None, "--drone is not given: must be one"), ("cf3", "--drone = 'cf3': must be one")):
+        with pytest.raises(FlatsatError, match=f"{text} that has both .*: cf1, cf2"):
             bag_log(bag, drone, "cpp")
+
+
+def test_poses_are_where_their_stamps_are_unless_a_clock_was_set(log: FlightLog, tmp_path: Path) -> None:
+    late = recorded_late(log.pose_time)
+    read = bag_log(write_bag(log, tmp_path / "late", ("cf1",), late=late), None, "cflib")
+    assert read.arrived is not None
+    assert_allclose(read.arrived, log.pose_time + late, atol=1e-6)
+    assert_allclose(read.pose_time, log.pose_time + late.min(), atol=1e-6)
+    jumping = late + 3.0 * (log.pose_time > 4.0)  # recorded so much later than stamped: the stamps' clock was set back
+    read = bag_log(write_bag(log, tmp_path / "jumping", ("cf1",), late=jumping), None, "cflib")
+    assert_allclose(read.pose_time, log.pose_time + jumping, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -215,6 +234,16 @@ def test_what_our_controller_claimed_comes_with_its_bag(log: FlightLog, tmp_path
     assert bag_log(write_bag(log, tmp_path / "other", ("cf1",)), None, "cflib").flown is None
 
 
+def recorded_late(stamps: FloatArray) -> FloatArray:
+    """How late, s, a recorder on a busy machine has poses of these stamps: by 2 ms, and once a second by up to 20."""
+    random = np.random.default_rng(11)
+    came = stamps + 1e-3 + random.exponential(1e-3, len(stamps))
+    stalled = (stamps % 1.0 < 0.02) & (stamps > 1.0)
+    came[stalled] = np.maximum(came[stalled], np.ceil(stamps[stalled] / 0.02) * 0.02)
+    late: FloatArray = np.maximum.accumulate(came) - stamps
+    return late
+
+
 def test_the_demo_supports_its_own_certificate_which_rough_poses_contradict(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -235,7 +264,7 @@ def test_the_demo_supports_its_own_certificate_which_rough_poses_contradict(
     nothing, rough = np.empty(0), 1e-3 * np.random.default_rng(5).standard_normal((len(pose), 3))
     for code, position in enumerate((pose[:, 1:4], pose[:, 1:4] + rough)):
         log = FlightLog("flown", pose[:, 0], position, angles_of(pose[:, 4:].T), sent[:, 0], command, nothing, nothing)
-        bag = write_bag(log, tmp_path / f"bag{code}", ("cf1",), ticks)
+        bag = write_bag(log, tmp_path / f"bag{code}", ("cf1",), ticks, recorded_late(log.pose_time))
         assert validate.main([str(bag), "--backend", "cflib", "--certificate", name]) == code
         said = capsys.readouterr().out
         assert "supports     tube of x and y            assumed: at most" in said

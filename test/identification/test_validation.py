@@ -22,11 +22,11 @@ from flatsat_ros.identification.assumptions import assumptions
 from flatsat_ros.identification.disturbances import blur, disturbances, shared
 from flatsat_ros.identification.fit import Fit
 from flatsat_ros.identification.identified import NAMES, Figure, Identified
-from flatsat_ros.identification.log import FlightLog, Flown
+from flatsat_ros.identification.log import FlightLog, Flown, ages
 from flatsat_ros.identification.residuals import REACH, Flight, misfit
 from flatsat_ros.identification.response import Figures
 from flatsat_ros.identification.screening import STEP, Samples
-from flatsat_ros.identification.validation import CONTRADICTS, SILENT, SUPPORTS, oldest, validate
+from flatsat_ros.identification.validation import CONTRADICTS, SILENT, SUPPORTS, older, oldest, validate
 
 LOOP = load_certificate("cf21_50hz")
 FLYING = Certificate.from_document(read_yaml(config_path("cf21_flight_50hz")))  # not proved again here
@@ -114,18 +114,32 @@ def test_a_hole_counts_by_the_time_that_it_takes() -> None:
     assert share(0.1) == "contradicts"
 
 
-@given(st.lists(st.floats(1e-4, 1.0), min_size=1, max_size=30), st.floats(0.5, 0.9999))
+@given(st.lists(st.tuples(st.floats(0.0, 0.5), st.floats(1e-3, 1.0)), min_size=1, max_size=30), st.floats(0.5, 0.9999))
 def test_the_newest_pose_is_older_than_the_oldest_for_no_more_than_what_is_left_over(
-    gaps: list[float], coverage: float
+    gaps: list[tuple[float, float]], coverage: float
 ) -> None:
-    between = np.array(gaps)
+    found = np.cumsum(gaps, axis=1)  # how old it is when it comes, and when the next one does
+    age = oldest(found, coverage)
+    assert 0.0 < age < found.max()
+    assert older(found, age) == pytest.approx(1.0 - coverage, abs=1e-6)
+    moments = np.concatenate([np.linspace(*ends, 2000, endpoint=False) for ends in found])
+    weights = np.repeat(found[:, 1] - found[:, 0], 2000)
+    assert np.average(moments > age, weights=weights) == pytest.approx(1.0 - coverage, abs=1e-3)
 
-    def share(age: float) -> float:
-        return float(np.maximum(between - age, 0.0).sum() / between.sum())
 
-    age = oldest(between, coverage)
-    assert 0.0 < age < between.max()
-    assert share(age) == pytest.approx(1.0 - coverage, rel=1e-6)
+def test_poses_that_come_late_are_old_and_what_is_no_flight_does_not_count() -> None:
+    time = np.arange(1000) * 0.01
+    came = time + 3e-3
+    came[500:505] = came[504]  # five at once
+    command = np.zeros((1000, 3))
+    command[100:900, 2] = 4e4
+    flown = dataclasses.replace(log(0.01), pose_time=time, arrived=came, position=np.zeros((1000, 3)),
+        angles=np.zeros((1000, 3)), command_time=time, command=command)  # fmt: skip
+    found = ages(flown)
+    assert (found[:, 1] - found[:, 0]).sum() == pytest.approx(8.0, abs=0.03)
+    assert found[:, 1].max() == pytest.approx(came[504] - time[499])
+    lost = dataclasses.replace(flown, position=np.where(np.tile(time < 0.5, (3, 1)).T, np.nan, 0.0))
+    assert len(ages(lost)) == len(found)
 
 
 def test_a_push_that_moves_the_drone_is_found_as_a_disturbance(found: Identified) -> None:
