@@ -12,6 +12,8 @@ from pathlib import Path
 
 from flatsat_ros.base.errors import FlatsatError, one_line, quoted, refusal
 
+_SPECIAL = "a device, pipe or socket"
+
 
 def user_path(text: str | os.PathLike[str]) -> Path:
     """Return what a user gave as a path; `~` is the home folder.
@@ -62,7 +64,7 @@ def check_regular(path: str | os.PathLike[str], bytes_max: int = sys.maxsize) ->
     except (OSError, ValueError) as error:
         raise unreadable(path, error) from error
     if not stat.S_ISREG(status.st_mode):
-        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device, pipe or socket"
+        kind = "a folder" if stat.S_ISDIR(status.st_mode) else _SPECIAL
         raise unreadable(path, f"it is {kind}, must be a regular file")
     check_size(path, status.st_size, bytes_max)
 
@@ -125,13 +127,15 @@ def check_writable(path: str | os.PathLike[str]) -> None:
     """Refuse a file that cannot be written; nothing is written yet. To be asked before long work begins.
 
     Raises:
-        FlatsatError: its folder is missing or read-only, it is a folder itself, or it must not be written.
+        FlatsatError: its folder is missing or read-only, it is a folder itself, or a device, pipe or socket, whose
+            place the file would take, or it must not be written.
     """
     file = Path(path)
     if not file.parent.is_dir():
         raise unwritable(file, f"the folder {shown(file.parent)} does not exist")
     if file.is_dir():
         raise unwritable(file, "it is a folder, must be a file")
+    _refuse_special(file)
     if not os.access(file.parent, os.W_OK | os.X_OK) or (file.exists() and not os.access(file, os.W_OK)):
         raise unwritable(file, "it is protected, must be a file that may be written, in such a folder")
 
@@ -157,6 +161,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """
     target, temporary = Path(path), None
     try:
+        _refuse_special(target)
         handle, name = tempfile.mkstemp(dir=target.parent, prefix=".part-", suffix=target.suffix)
         temporary = Path(name)
         try:
@@ -172,6 +177,12 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         if isinstance(error, (OSError, ValueError)) and not isinstance(error, FlatsatError):
             raise unwritable(path, error) from error
         raise
+
+
+def _refuse_special(target: Path) -> None:
+    """Refuse to put a file in the place of a device, pipe or socket: root would take /dev/null from everybody."""
+    if target.exists() and not (target.is_file() or target.is_dir()):
+        raise unwritable(target, f"it is {_SPECIAL}, must be a regular file")
 
 
 def unwritable(path: str | os.PathLike[str], reason: object) -> FlatsatError:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from flatsat_ros.viewing.flight import Channel
 
 _BASE = "cf21"
+_PICTURES = (".png", ".pdf", ".svg")
 _WAY = 1.0  # s, by which poses are longer on their way than others, up to which it is not a clock that was set
 
 
@@ -47,7 +48,7 @@ def add_log_arguments(parser: shell.Parser) -> None:
     """Add the arguments that say what the logs are."""
     parser.add_argument("logs", nargs="+", type=shell.path, metavar="LOG", help="a CSV file, or a bag")
     parser.add_argument(
-        "--base", metavar="NAME_OR_PATH", default=_BASE, help="profile of its kind, for what logs do not tell (cf21)"
+        "--base", metavar="NAME_OR_PATH", help=f"profile of its kind, for what logs do not tell ({_BASE})"
     )
     parser.add_argument(
         "--columns", metavar="NAME_OR_PATH", help="column map of the CSV files (default: by the header)"
@@ -62,17 +63,31 @@ def add_log_arguments(parser: shell.Parser) -> None:
     )
 
 
+def base_of(arguments: argparse.Namespace) -> VehicleProfile:
+    """Return the profile that keeps what logs do not tell.
+
+    Raises:
+        FlatsatError: there is none of that name.
+    """
+    from flatsat_ros.crazyflie.vehicle import load_vehicle
+
+    return load_vehicle(_BASE if arguments.base is None else arguments.base)
+
+
 def _run(arguments: argparse.Namespace) -> int:
+    from flatsat_ros.base.errors import refusal
     from flatsat_ros.base.files import check_writable
     from flatsat_ros.base.strict_yaml import write_yaml
-    from flatsat_ros.crazyflie.vehicle import load_vehicle, profile_document
+    from flatsat_ros.crazyflie.vehicle import profile_document
     from flatsat_ros.identification.identified import profile_of
     from flatsat_ros.identification.report import draw, lines
 
     _check_output(arguments)
     if arguments.pictures is not None:
+        if arguments.pictures.suffix not in _PICTURES:
+            raise refusal("--pictures", str(arguments.pictures), "", "a .png, .pdf or .svg file")
         check_writable(arguments.pictures)
-    base = load_vehicle(arguments.base)
+    base = base_of(arguments)
     found, _, names = identified_from(arguments, base)
     print("\n".join(lines(found, base)))
     if arguments.pictures is not None:
@@ -102,11 +117,17 @@ def identified_from(
     """
     from tqdm import tqdm
 
+    from flatsat_ros.base.errors import FlatsatError
     from flatsat_ros.identification.columns import load_columns
     from flatsat_ros.identification.identified import identify
     from flatsat_ros.identification.report import screening_lines
     from flatsat_ros.identification.screening import screen
 
+    bags = [_is_bag(path) for path in arguments.logs]
+    if (arguments.drone, arguments.backend) != (None, None) and not any(bags):
+        raise FlatsatError("--drone, --backend: they are for bags, of which there is none among the logs")
+    if arguments.columns is not None and all(bags):
+        raise FlatsatError("--columns: it is for CSV files, of which there is none among the logs")
     columns = None if arguments.columns is None else load_columns(arguments.columns)
     logs, samples = [], []
     for path in arguments.logs:
@@ -136,11 +157,15 @@ def _check_output(arguments: argparse.Namespace) -> None:
     shell.require_new(output, arguments.force)
 
 
+def _is_bag(path: Path) -> bool:
+    return path.is_dir() or path.suffix in (".mcap", ".db3")
+
+
 def _read(path: Path, columns: ColumnMap | None, arguments: argparse.Namespace) -> FlightLog:
     """Read a CSV file or a bag."""
     from flatsat_ros.identification.log import read_log
 
-    if path.is_dir() or path.suffix in (".mcap", ".db3"):
+    if _is_bag(path):
         return bag_log(path, arguments.drone, arguments.backend or "cpp")
     return read_log(path, columns)
 

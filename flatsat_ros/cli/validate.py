@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from flatsat_ros.cli import shell
-from flatsat_ros.cli.identify import add_log_arguments, identified_from
+from flatsat_ros.cli.identify import add_log_arguments, base_of, identified_from
 
 if TYPE_CHECKING:
     from flatsat_ros.certificate.certificate import Certificate
@@ -44,17 +44,24 @@ def _parser() -> shell.Parser:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from flatsat_ros.base.errors import FlatsatError
+    from flatsat_ros.base.errors import FlatsatError, refusal
     from flatsat_ros.certificate.certificate import load_certificate
     from flatsat_ros.crazyflie.vehicle import load_vehicle
+    from flatsat_ros.identification.assumptions import COVERAGE, assumptions, require_coverage
     from flatsat_ros.identification.validation import CONTRADICTS, validate
 
     if arguments.write is None and (arguments.force or arguments.coverage is not None):
         raise FlatsatError("--coverage, --force: they go with --write; without it nothing is written")
+    if arguments.vehicle is not None and arguments.base is not None:
+        raise FlatsatError("--base: --vehicle is the base; must be one of them")
     if arguments.write is not None:
+        if arguments.write.suffix != ".yaml":
+            raise refusal("--write", str(arguments.write), "", "a .yaml file")
         shell.require_new(arguments.write, arguments.force)
+    coverage = COVERAGE if arguments.coverage is None else arguments.coverage
+    require_coverage(coverage)
     vehicle = None if arguments.vehicle is None else load_vehicle(arguments.vehicle)
-    base = vehicle or load_vehicle(arguments.base)
+    base = vehicle or base_of(arguments)
     certificate = load_certificate(arguments.certificate)
     found, logs, names = identified_from(arguments, base)
     verdicts = validate(certificate, found, logs, vehicle)
@@ -62,10 +69,8 @@ def _run(arguments: argparse.Namespace) -> int:
         print(f"  {each.verdict:12s} {each.assumption:26s} assumed: {each.bound:26s} flights: {each.shown}")
     if arguments.write is not None:
         from flatsat_ros.base.strict_yaml import write_yaml
-        from flatsat_ros.identification.assumptions import COVERAGE, assumptions
         from flatsat_ros.identification.disturbances import BANDWIDTH
 
-        coverage = COVERAGE if arguments.coverage is None else arguments.coverage
         header = (
             f"# What {len(names)} flights show: {', '.join(names)}.\n"
             f"# disturbance_rate m/s^3 up to {BANDWIDTH:.2g} Hz, noise m, pose_age s: {coverage:.4%} of the samples\n"

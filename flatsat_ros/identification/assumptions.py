@@ -20,6 +20,15 @@ COVERAGE = 0.999  # of the samples, if nothing else is asked for
 _LAG_LEAST = 2.0 * BOUNDS["damping"][0] / BOUNDS["natural_frequency"][1]  # s, of what a fit may find
 
 
+def require_coverage(coverage: float) -> None:
+    """Refuse what is no share of samples to be covered.
+
+    Raises:
+        FlatsatError: it is not above 0.5 and below 1.
+    """
+    require(0.5 < coverage < 1.0, "--coverage", coverage, "", "above 0.5 and below 1")
+
+
 def assumptions(
     identified: Identified,
     logs: Sequence[FlightLog],
@@ -45,11 +54,11 @@ def assumptions(
         FlatsatError: the flights do not tell one of them; or the coverage is no such share, or more than the number of
             samples can show.
     """
-    require(0.5 < coverage < 1.0, "coverage", coverage, "", "above 0.5 and below 1")
+    require_coverage(coverage)
     _, change = disturbances(identified.flights, identified.common)
     for name, count in (("disturbance_rate", len(change)), ("noise", len(identified.noise))):
         least = round(1.0 / (1.0 - coverage))
-        enough = f"at least {least} for a coverage of {coverage:g}: more flights, or a smaller one"
+        enough = f"at least {least} for a coverage of {coverage}: more flights, or a smaller one"
         require(count >= least, f"samples of {name}", count, "", enough)
     gain, total = (identified.figures[name].interval for name in ("attitude_gain", "lag_and_delay"))
     if gain is None or total is None:

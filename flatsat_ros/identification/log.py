@@ -110,7 +110,7 @@ def read_log(path: str | os.PathLike[str], columns: ColumnMap | None = None) -> 
         FlatsatError: the file cannot be read, is larger than LOG_BYTES or ROWS, has columns that are missing or not
             known, or no rows.
     """
-    lines = read_text(path, LOG_BYTES).splitlines()
+    lines = read_text(path, LOG_BYTES).removeprefix("\ufeff").splitlines()
     if len(lines) > ROWS:
         raise unreadable(path, f"it has more than {ROWS} lines, the most that is read")
     header = [name.strip() for name in lines[0].split(",")] if lines else []

@@ -90,6 +90,7 @@ class Samples:
         return float(np.count_nonzero(self.usable)) * STEP
 
 
+@np.errstate(invalid="ignore", over="ignore")  # what is not finite is masked
 def screen(log: FlightLog) -> Samples:
     """Mask what is wrong in a log, and put the rest on a grid.
 
@@ -221,16 +222,14 @@ def _frozen(time: FloatArray, position: FloatArray) -> BoolArray:
 
 def _jumped(time: FloatArray, position: FloatArray) -> BoolArray:
     """Return which poses (M,) are not to be reached from the one before or to the one behind at _SPEED."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        fast = np.linalg.norm(np.diff(position, axis=0), axis=1) > _SPEED * np.diff(time) + 0.01
+    fast = np.linalg.norm(np.diff(position, axis=0), axis=1) > _SPEED * np.diff(time) + 0.01
     return np.asarray(np.concatenate([[False], fast]) | np.concatenate([fast, [False]]))
 
 
 def _straight(time: FloatArray, command: FloatArray) -> tuple[BoolArray, float]:
     """Return which commands (M,) are on a long line that is not level, and the share that connects two others."""
     slope = np.diff(command, axis=0) / np.diff(time)[:, None]
-    with np.errstate(invalid="ignore"):
-        even = np.abs(np.diff(slope, axis=0)) <= _LEVEL * np.abs(slope[1:])
+    even = np.abs(np.diff(slope, axis=0)) <= _LEVEL * np.abs(slope[1:])
     even &= slope[1:] != 0.0
     result = np.zeros(len(command), dtype=bool)
     for axis in even.T:
@@ -271,8 +270,7 @@ def _unwrapped(yaw: FloatArray) -> FloatArray:
 
 def _flying(height: FloatArray, thrust: FloatArray) -> BoolArray:
     """Return where (M,) the drone flies: clear of the ground it stood on without thrust (NaN: not known), or always."""
-    with np.errstate(invalid="ignore"):
-        off = thrust < 0.1 * np.nanmax(thrust)
+    off = thrust < 0.1 * np.nanmax(thrust)
     if not off.any():
         return np.ones(len(height), dtype=bool)
     aloft = ~off & (height > np.median(height[off]) + _HEIGHT)

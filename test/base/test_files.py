@@ -117,6 +117,13 @@ def test_what_cannot_be_written_is_known_before(tmp_path: Path, monkeypatch: pyt
         check_writable(tmp_path / "missing" / "x")
     with pytest.raises(FlatsatError, match=r"cannot be written: it is a folder, must be a file"):
         check_writable(tmp_path)
+    os.mkfifo(tmp_path / "pipe")
+    for special in (tmp_path / "pipe", Path("/dev/null")):
+        with pytest.raises(FlatsatError, match=r"cannot be written: it is a device, pipe or socket, must be a regular"):
+            check_writable(special)
+    with pytest.raises(FlatsatError, match=r"pipe: cannot be written: it is a device"):
+        write_text(tmp_path / "pipe", "")
+    assert (tmp_path / "pipe").is_fifo()
     for forbidden in (tmp_path, tmp_path / "file"):  # root may write everywhere
         monkeypatch.setattr(os, "access", lambda path, mode, forbidden=forbidden: Path(path) != forbidden)
         with pytest.raises(FlatsatError, match="file: cannot be written: it is protected"):

@@ -136,6 +136,10 @@ def test_poses_are_where_their_stamps_are_unless_a_clock_was_set(log: FlightLog,
 @pytest.mark.parametrize(
     ("options", "text"),
     [
+        (["{log}", "--pictures", "mine.bmp"], "--pictures = 'mine.bmp': must be a .png, .pdf or .svg file"),
+        (["{log}", "--drone", "cf1"], "--drone, --backend: they are for bags, of which there is none"),
+        (["{log}", "--backend", "cpp"], "--drone, --backend: they are for bags, of which there is none"),
+        (["bag.mcap", "--columns", "cflib"], "--columns: it is for CSV files, of which there is none"),
         (["{log}", "--output", "mine.yml"], "--output = 'mine.yml': must be a .yaml file"),
         (["{log}", "--output", "{taken}"], "it exists: give --force to overwrite it"),
         (["{log}", "--force"], "--force overwrites the output; without --output none is written"),
@@ -193,9 +197,17 @@ def test_flights_say_what_a_certificate_for_their_drone_may_assume(
     for options, text in (
         (asked, "it exists: give --force to overwrite it"),
         ([*asked[:-2], "--coverage", "0.9"], "--coverage, --force: they go with --write"),
+        ([*asked[:-1], "notes.txt"], "--write = 'notes.txt': must be a .yaml file"),
+        ([*asked, "--base", "cf21"], "--base: --vehicle is the base"),
+        *(
+            ([*asked, "--force", "--coverage", each], f"--coverage = {float(each)}: must be above 0.5 and below 1")
+            for each in "012"
+        ),
     ):
         assert validate.main(options) == 2
-        assert text in capsys.readouterr().err
+        said = capsys.readouterr()
+        assert text in said.err
+        assert said.out == ""  # before anything is computed
 
 
 @pytest.mark.parametrize(

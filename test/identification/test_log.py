@@ -73,6 +73,11 @@ def test_angles_are_those_of_the_simulated_body_and_no_quaternion_has_none() -> 
     assert np.isnan(angles_of(quaternion)).all(axis=1).nonzero()[0].tolist() == [3, 4]
 
 
+def test_a_mark_of_the_byte_order_before_the_header_is_none_of_its_columns(short: list[str], tmp_path: Path) -> None:
+    (marked := tmp_path / "flight.csv").write_text("\ufeff" + "\n".join(short), encoding="utf-8")
+    assert len(read_log(marked).pose_time) == len(short) - 1
+
+
 @settings(max_examples=40, deadline=None)
 @given(
     damage=st.lists(
@@ -85,7 +90,7 @@ def test_angles_are_those_of_the_simulated_body_and_no_quaternion_has_none() -> 
     ),
     twice=st.booleans(),
 )
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_damaged_logs_are_screened_or_refused_and_what_is_usable_is_finite(
     damage: list[tuple[int, int, str]], twice: bool, short: list[str]
 ) -> None:
