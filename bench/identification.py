@@ -60,6 +60,12 @@ ROTOR = Figures(
     drag_z=0.0,
     delay=0.0,
 )
+# of which the packaged profile was made
+PACKAGED = (
+    "B10_lissajous_fast_rep1", "B2_circle_fast_rep1", "B2_circle_medium_rep1", "B2_circle_slow_rep2",
+    "B3_figure8_fast_rep2", "B3_figure8_medium_rep1", "B3_figure8_slow_rep2", "B5_helix_fast_rep1",
+    "B5_helix_slow_rep1", "B7_oval_fast_rep1", "B8_star_fast_rep1", "B9_trefoil_fast_rep1",
+)  # fmt: skip
 ROTOR_DRAG = dataclasses.replace(ROTOR, thrust_lag=0.12116392, drag_xy=0.01471782 / 0.0319, drag_z=0.01277641 / 0.0319)
 
 
@@ -279,6 +285,33 @@ def simulated(runs: int) -> None:
             print(f"  {name:20s} {np.mean(told):5.0%} of {len(told)}")
 
 
+def packaged(flights: Sequence[Samples]) -> bool:
+    """Print what the flights tell today of which `cf21_markers` was made; return whether its intervals hold all of it."""
+    profile, made = load_vehicle("cf21_markers"), {samples.name: samples for samples in flights}
+    print(f"\nthe {len(PACKAGED)} flights of which {profile.name} was made")
+    lacking = [name for name in PACKAGED if name not in made]
+    if lacking:
+        print(f"  not checked: the folder lacks {', '.join(lacking)}")
+        return True
+    now = identify([made[name] for name in PACKAGED], dataclasses.replace(load_vehicle("cf21"), mass=profile.mass))
+    good, then = True, {name: getattr(figures_of(profile), name, None) for name in NAMES}
+    then |= {"thrust_available": profile.thrust_max, "lag_and_delay": math.nan}  # that with link and clocks
+    for name in NAMES:
+        interval, figure = getattr(profile.intervals, name), now.figures[name]
+        told = (
+            "not told"
+            if figure.interval is None
+            else f"{figure.value:.4g} [{{:.4g}}, {{:.4g}}]".format(*figure.interval)
+        )
+        verdict = "no interval in the profile"
+        if interval is not None:
+            inside = interval[0] <= figure.value <= interval[1]
+            good = good and inside
+            verdict = f"{'inside' if inside else 'OUTSIDE'} [{interval[0]:.4g}, {interval[1]:.4g}]"
+        print(f"  {name:20s} profile {then[name]:8.4g}   now {told:28s} {verdict}")
+    return good
+
+
 def recordings(folder: Path) -> None:
     """Print what recordings of motion capture say about noise and age of poses."""
     print("\nrecordings of motion capture: noise in mm (50 % / 99.9 % / worst), age of the newest pose")
@@ -311,8 +344,8 @@ def light() -> None:
         print(f"  attitude gain {gain:.3f}: {swap(certificate, vehicle, drone, paths, Wind())}")
 
 
-def main() -> None:
-    """Print the tables."""
+def main() -> int:
+    """Print the tables; 1 if the packaged profile contradicts the flights of which it was made."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", nargs="?", type=Path, help="folder with CSV logs of one drone")
     parser.add_argument("--fit", nargs="+", metavar="NAME", help="flights to fit on, without .csv")
@@ -320,7 +353,7 @@ def main() -> None:
     parser.add_argument("--recordings", type=Path, help="folder with CSV recordings of motion capture")
     parser.add_argument("--runs", type=int, default=25, help="simulated drones (default: 25, a minute)")
     arguments = parser.parse_args()
-    base = load_vehicle(arguments.base)
+    base, good = load_vehicle(arguments.base), True
     if arguments.data is not None:
         flights = list(usable(arguments.data))
         chosen = arguments.fit or [samples.name for samples in flights[:3]]
@@ -337,12 +370,14 @@ def main() -> None:
                 rest = [each for each in fitted if each is not samples]
                 pairs.append((samples, identify(rest, base).common.figures))
             prediction(pairs, base)
+        good = packaged(flights)
     if arguments.recordings is not None:
         recordings(arguments.recordings)
     light()
     if arguments.runs:
         simulated(arguments.runs)
+    return 0 if good else 1
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
