@@ -10,6 +10,9 @@ import pytest
 
 from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE
 from flatsat_ros.cli.faults import main
+from flatsat_ros.falsification.faults import accepted
+from flatsat_ros.falsification.faults.accepted import Accepted
+from flatsat_ros.falsification.faults.criteria import Bounds, End
 
 pytestmark = pytest.mark.in_process
 
@@ -17,7 +20,7 @@ KEYS = {"fault", "phase", "passed", "accepted", "impact_m_s", "distance_m", "sai
 
 
 def test_rows_are_flown_and_written_beside_those_that_are_there(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     arguments = ["--fault", "nothing", "--phase", "take-off", "--workers", "2", "--output", str(tmp_path / "out")]
     assert main(arguments) == 0
@@ -26,7 +29,13 @@ def test_rows_are_flown_and_written_beside_those_that_are_there(
     assert set(row) >= KEYS
     assert (row["fault"], row["phase"], row["passed"]) == ("nothing", "take-off", True)
     assert "| `nothing` |" in (tmp_path / "out" / "faults.md").read_text(encoding="utf-8")
+    # a row that is listed as one that may fail, and passes, has passed, and that is told
+    bounds, text = Bounds(End.SAFE), "It does not."
+    monkeypatch.setattr(accepted, "ACCEPTED", (Accepted("emergency_early", ("take-off",), bounds, text, text),))
     assert main(["--fault", "emergency_early", *arguments[2:-4], "--workers", "1", *arguments[-2:]]) == 0
+    shown = capsys.readouterr().out
+    assert "1 rows: 1 passed, 0 accepted, 0 failed." in shown
+    assert "\nemergency_early keeps its bounds in all phases in which it is accepted: it can be taken off" in shown
     assert row["certificate"] == DEFAULT_CERTIFICATE
     assert "2 rows: 2 passed" in (tmp_path / "out" / "faults.md").read_text(encoding="utf-8")
 

@@ -51,6 +51,7 @@ class Bounds:
         speed: fastest that they may be when they keep flying, m/s.
         arrival: how near a drone must be to the end of its path to have done what it was told, m.
         separation: least distance of any two drones, m.
+        again: they may rise from the floor again before they stand.
     """
 
     end: End
@@ -60,6 +61,7 @@ class Bounds:
     speed: float = 0.3
     arrival: float = 0.15
     separation: float = SEPARATION
+    again: bool = False
 
 
 @dataclass(frozen=True)
@@ -92,10 +94,9 @@ class Outcome:
     off: float
     mode: Mode | None
 
-    @property
-    def stands(self) -> bool:
-        """Whether it is on the floor for good, with its motors off."""
-        return self.grounded and not self.motors and not self.relaunched
+    def stands(self, *, again: bool) -> bool:
+        """Tell whether it is on the floor for good, with its motors off; again: be it that it has risen meanwhile."""
+        return self.grounded and not self.motors and (again or not self.relaunched)
 
     def hovers(self, speed: float) -> bool:
         """Tell whether it is in the air, at most so fast, m/s, and steered: in IDLE by somebody else."""
@@ -142,13 +143,13 @@ def broken(
 
 def _end(outcome: Outcome, bounds: Bounds, *, lands: bool) -> str:
     """Return what is wrong with the end of a drone's flight, empty for nothing."""
-    wanted, hovers = bounds.end, outcome.hovers(bounds.speed)
+    wanted, hovers, stands = bounds.end, outcome.hovers(bounds.speed), outcome.stands(again=bounds.again)
     if wanted is End.GROUNDED:
         return "" if outcome.grounded and outcome.height <= RISEN else f"rose to {outcome.height:.2f} m"
     if wanted is End.DOWN or (lands and wanted in (End.DONE, End.ALOFT)):
-        return "" if outcome.stands else outcome.describe()
+        return "" if stands else outcome.describe()
     if wanted is End.SAFE:
-        return "" if outcome.stands or hovers else outcome.describe()
+        return "" if stands or hovers else outcome.describe()
     if not hovers:
         return outcome.describe()
     return f"is {outcome.off:.2f} m from its goal" if wanted is End.DONE and not outcome.off <= bounds.arrival else ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
+from math import inf
 
 from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE
 from flatsat_ros.falsification.faults.accepted import ACCEPTED
@@ -147,7 +148,9 @@ def _accepted(found: Mapping[tuple[str, str], Row]) -> str:
         rows = [found[entry.fault, phase] for phase in entry.all_phases if (entry.fault, phase) in found]
         if broken := [row for row in rows if row.accepted]:
             where = ", ".join(row.phase for row in broken)
-            lines.append(f"- `{entry.fault}` ({where}): {entry.happens} What to do: {entry.advice}\n")
+            fall = f", and meets the floor at {entry.bounds.impact:g} m/s at most" if entry.bounds.impact < inf else ""
+            kept = f"It stays within {entry.bounds.distance:g} m of its path{fall}."
+            lines.append(f"- `{entry.fault}` ({where}): {entry.happens} {kept} What to do: {entry.advice}\n")
             lines += [f"  - {row.phase}: {'; '.join(row.broken)}\n" for row in broken]
     return "".join(lines)
 

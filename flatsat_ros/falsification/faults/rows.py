@@ -16,7 +16,7 @@ import numpy as np
 from flatsat_ros.base.errors import one_line
 from flatsat_ros.base.files import located, read_text, write_text
 from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE
-from flatsat_ros.falsification.faults.accepted import accepted_rows
+from flatsat_ros.falsification.faults.accepted import is_accepted
 from flatsat_ros.falsification.faults.criteria import Outcome, Remark, broken
 from flatsat_ros.falsification.faults.fault import Fault
 from flatsat_ros.falsification.faults.phases import PLANS, STANDING, Phase
@@ -40,7 +40,7 @@ class Row:
     Attributes:
         fault, phase: which.
         passed: all bounds were kept.
-        accepted: one was not, and the page says why and what a user must do.
+        accepted: one was not, and the page says what happens then and what a user must do.
         impact_m_s: largest speed at which a drone with the fault met the floor; None if none did.
         distance_m: farthest that one of them was from its path; None if that is not a finite number.
         said: what was told about them since the fault.
@@ -152,8 +152,11 @@ def _judged(name: str, phase: Phase, scene: Scene, begin: float) -> Row:
     remarks = [remark for remark in scene.remarks if remark.time > begin - _ROUNDING]
     outcomes = scene.outcomes()
     problems = [f"the controller ended: {scene.failure}"] if scene.failure else []
-    problems += broken(outcomes, bounds, victims, remarks, lands=PLANS[phase].lands)
-    return row_of(name, phase.value, scene.seed, outcomes, victims, remarks, problems, scene.certificate.name)
+    lands, shown = PLANS[phase].lands, scene.certificate.name
+    problems += broken(outcomes, bounds, victims, remarks, lands=lands)
+    judged = bool(problems) and not scene.failure
+    accepted = judged and is_accepted(shown, name, phase.value, outcomes, victims, remarks, lands=lands)
+    return row_of(name, phase.value, scene.seed, outcomes, victims, remarks, problems, shown, accepted=accepted)
 
 
 def row_of(
@@ -165,6 +168,8 @@ def row_of(
     remarks: Iterable[Remark],
     problems: list[str],
     certificate: str,
+    *,
+    accepted: bool = False,
 ) -> Row:
     """Return the row of a flight.
 
@@ -177,6 +182,7 @@ def row_of(
         remarks: what was told since the fault.
         problems: the bounds that were broken.
         certificate: name of that which was flown.
+        accepted: the bounds that were broken may be.
     """
     said = dict.fromkeys(f"drone {remark.drone}: {remark.text}" for remark in remarks if remark.drone in victims)
     own = [outcomes[drone] for drone in victims]
@@ -184,7 +190,7 @@ def row_of(
         fault=name,
         phase=phase,
         passed=not problems,
-        accepted=bool(problems) and (name, phase) in accepted_rows(certificate),
+        accepted=accepted,
         impact_m_s=max((_rounded(outcome.impact) or 0.0 for outcome in own if outcome.met), default=None),
         distance_m=_rounded(float(np.max([outcome.distance for outcome in own], initial=-np.inf))),
         said=list(said)[:_REMARKS],
