@@ -193,7 +193,11 @@ class ControlStep:
         if not away or end is None:
             return
         if not resumed:
-            self.reports.append(Report(index, f"its trajectory is {away:.2f} m away: it stays where it is"))
+            does = "stays where it is"
+            if before is Mode.UNLOCK:  # it stands, and nothing else would stop its motors
+                does = "does not take off"
+                self._parts.guidance.land(index, self.now)
+            self.reports.append(Report(index, f"its trajectory is {away:.2f} m away: it {does}"))
         elif self._parts.traffic.lead_on(index, end):
             self._parts.guidance.replan(index, self.now)
         self.reports += self._parts.traffic.reports()

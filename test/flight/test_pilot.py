@@ -529,6 +529,23 @@ def test_a_drone_that_rests_on_the_ground_by_its_goal_is_not_cut() -> None:
     assert modes(world.fly(10.0)) == [Mode.UNLOCK, Mode.FLY]
 
 
+@pytest.mark.parametrize(
+    ("begin", "carried"), [((0.0, 0.0, 1.0), False), ((1.0, 0.0, 0.0), False), ((0.0, 0.0, 0.3), True)]
+)
+def test_a_drone_on_the_ground_whose_trajectory_begins_elsewhere_does_not_stay_there_with_its_motors_on(
+    begin: tuple[float, float, float], carried: bool
+) -> None:
+    world = World(start=(0.0, 0.0, 0.0), policy=Policy())
+    world.fly(0.5)
+    rest = np.zeros((2, 3))
+    there = np.array(begin) + [[0.0, 0.0, 0.0], [0.0, 0.0, 0.2]]
+    world.pilot.set_reference(0, Trajectory.through(np.array([2.0, 6.0]), there, rest, rest))
+    ticks = world.fly(15.0)
+    told = [report.text for tick in ticks for report in tick.reports if "trajectory" in report.text]
+    assert told == ([] if carried else ["its trajectory is 1.00 m away: it does not take off"])
+    assert modes(ticks) == [Mode.UNLOCK, Mode.FLY] + ([] if carried else [Mode.REST, Mode.IDLE])
+
+
 @pytest.mark.parametrize("goal", [0.7, 2.0])
 def test_a_drone_that_was_unlocked_high_up_and_is_off_its_place_is_never_cut(goal: float) -> None:
     world = airborne()
