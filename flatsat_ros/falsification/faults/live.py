@@ -18,12 +18,14 @@ from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.demo.live import SLICE, Live
 from flatsat_ros.demo.processes import command_of, end, start
+from flatsat_ros.falsification.faults.accepted import is_accepted
 from flatsat_ros.falsification.faults.criteria import Outcome, Remark, broken
 from flatsat_ros.falsification.faults.live_table import LIVE_FAULTS, LiveFault
 from flatsat_ros.falsification.faults.record import Record
 from flatsat_ros.falsification.faults.rows import Row, row_of
 from flatsat_ros.falsification.faults.scene import TEXT, VEHICLE
 from flatsat_ros.falsification.faults.table import LIVE
+from flatsat_ros.flight.modes import Mode
 
 if TYPE_CHECKING:
     from flatsat_ros.nodes.fault_lab import FaultLab
@@ -31,8 +33,9 @@ if TYPE_CHECKING:
 ROBOTS = ("cf1", "cf2")
 _STARTS = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))  # m
 _ARRIVED = 0.15  # m below the height of the flight at which the take-off is over
-_CLIMB_LATEST = 20.0  # s
 _SETTLING = 5.0  # s of hover before the fault
+_HOVER_LATEST = 60.0  # s, that it may take to come to that: on a busy machine a take-off may be given up
+_ASK_AGAIN = 3.0  # s, after which drones that stand are asked to take off again
 _ANSWER = 5.0  # s, that the answer of a service may take
 _FLOOR = 1e-3  # m: a drone this low is on the floor
 _LAST = 0.5  # s: the motors turn in the end if a thrust was sent so recently
@@ -211,9 +214,24 @@ class LiveFlight(Live):
                 remarks += [Remark(0.0, drone, text) for drone in named or range(len(ROBOTS))]
         return remarks
 
-    def higher_than(self, height: float) -> bool:
-        """Tell whether all drones are that high, m."""
-        return bool((self.conductor.heights() >= height).all())
+    def hover(self, height: float) -> bool:
+        """Let all drones take off until they have been flown above a height, m, for a while; return whether they were.
+
+        A drone that stands again, as its take-off was given up or its flight has ended, is asked again.
+        """
+        self.take_off()
+        asked = low = self.now()
+        latest = asked + _HOVER_LATEST
+        while (now := self.now()) < low + _SETTLING:
+            if now > latest:
+                return False
+            if (self.conductor.heights() < height).any() or self.conductor.robots_in(*set(Mode) - {Mode.FLY}):
+                low = now
+            if now > asked + _ASK_AGAIN and self.conductor.robots_in(Mode.IDLE, Mode.CUT):
+                self.take_off()
+                asked = self.now()
+            self.let_pass(SLICE)
+        return True
 
 
 def _perform(fault: LiveFault, flight: LiveFlight) -> float:
@@ -227,12 +245,10 @@ def _perform(fault: LiveFault, flight: LiveFlight) -> float:
     flight.wait_for_nodes()
     total = _SETTLING + max(delay for delay, _ in fault.steps) + fault.watched
     with flight.progress(total, fault.name, leave=False):
-        flight.take_off()
         for drone, path in enumerate(flight.paths):
             flight.paths[drone] = np.vstack([path, path[-1] + (0.0, 0.0, fault.height)])
-        if not flight.wait_until(lambda: flight.higher_than(fault.height - _ARRIVED), _CLIMB_LATEST):
-            raise FlatsatError(f"{fault.name}: the drones are not {fault.height:g} m high after {_CLIMB_LATEST:g} s")
-        flight.let_pass(_SETTLING)
+        if not flight.hover(fault.height - _ARRIVED):
+            raise FlatsatError(f"{fault.name}: the drones do not hover {fault.height:g} m high in {_HOVER_LATEST:g} s")
         flight.begin()
         moment, began = flight.now(), flight.conductor.seconds(flight.conductor.now())
         for delay, action in fault.steps:
@@ -245,14 +261,16 @@ def _perform(fault: LiveFault, flight: LiveFlight) -> float:
 def _judged(fault: LiveFault, began: float, flight: LiveFlight, certificate: str) -> Row:
     """Judge a flight from its record since the fault."""
     outcomes = _outcomes(began, flight)
-    problems = [flight.failure] if flight.failure else []
+    ended = [flight.failure] if flight.failure else []
     if fault.leaves:
         code = flight.nodes["controller"].poll()
         if code != 0:
-            problems.append(f"the controller {'has not ended' if code is None else f'ended with exit code {code}'}")
-    remarks = flight.heard()
-    problems += broken(outcomes, fault.bounds, fault.victims, remarks, lands=False)
-    return row_of(fault.name, LIVE, 0, outcomes, fault.victims, remarks, problems, certificate)
+            ended.append(f"the controller {'has not ended' if code is None else f'ended with exit code {code}'}")
+    remarks, name, victims = flight.heard(), fault.name, fault.victims
+    problems = ended + list(broken(outcomes, fault.bounds, victims, remarks, lands=False))
+    judged = bool(problems) and not ended
+    accepted = judged and is_accepted(certificate, name, LIVE, outcomes, victims, remarks, lands=False)
+    return row_of(name, LIVE, 0, outcomes, victims, remarks, problems, certificate, accepted=accepted)
 
 
 def _outcomes(began: float, flight: LiveFlight) -> list[Outcome]:
