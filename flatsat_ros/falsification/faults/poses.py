@@ -10,6 +10,7 @@ from flatsat_ros.falsification.faults.criteria import Bounds, End
 from flatsat_ros.falsification.faults.fault import ALL, EARLY, ONE, Action, Fault, end, poses
 from flatsat_ros.falsification.faults.phases import Phase
 from flatsat_ros.falsification.faults.scene import Scene
+from flatsat_ros.flight.policy import YawSource
 from flatsat_ros.sim import faults
 from flatsat_ros.sim.faults import PoseFault
 
@@ -236,5 +237,17 @@ POSE_FAULTS = (
         Bounds(End.SAFE, told=r"orientation|yaw"),
         special={Phase.TAKE_OFF: _NO_TAKE_OFF},
         since_take_off=EARLY,
+    ),
+    Fault(
+        "yaw_assumed_90deg",
+        "poses without orientation, yaw_source is assumed, and the drones are turned by 90 degrees",
+        (),
+        Bounds(End.SAFE, told=r"yaw_source"),
+        victims=ALL,
+        fleet={
+            "yaw": math.pi / 2.0,
+            "yaw_source": YawSource.ASSUMED,
+            "poses": (faults.without_orientation(),),
+        },
     ),
 )  # fmt: skip

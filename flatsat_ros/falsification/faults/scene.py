@@ -19,12 +19,12 @@ from flatsat_ros.falsification.faults.criteria import Outcome, Remark
 from flatsat_ros.falsification.faults.record import Record
 from flatsat_ros.flight.modes import AIRBORNE, Mode
 from flatsat_ros.flight.pilot import Pilot
-from flatsat_ros.flight.policy import Policy
+from flatsat_ros.flight.policy import Policy, YawSource
 from flatsat_ros.flight.stamps import StampClock
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.closed_loop import fly
-from flatsat_ros.sim.faults import FaultyLink
+from flatsat_ros.sim.faults import FaultyLink, PoseFault
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.sensor import MotionCapture, Sample
 
@@ -68,10 +68,14 @@ def told(tick: Tick) -> Iterator[tuple[int, str]]:
     yield from tick.reports
 
 
-def policy_of(vehicle: VehicleProfile) -> Policy:
-    """Return the policy that the controller has by default for drones of this kind."""
-    drag = vehicle.dynamics.drag_z
-    return Policy(disturbance_max=_DISTURBANCE_MAX, thrust_error_max=_THRUST_ERROR_MAX, drag=drag)
+def policy_of(vehicle: VehicleProfile, yaw_source: YawSource = YawSource.MEASURED) -> Policy:
+    """Return the policy that the controller has by default for drones of this kind, with another source of yaws."""
+    return Policy(
+        disturbance_max=_DISTURBANCE_MAX,
+        thrust_error_max=_THRUST_ERROR_MAX,
+        drag=vehicle.dynamics.drag_z,
+        yaw_source=yaw_source,
+    )
 
 
 class Scene:
@@ -100,6 +104,8 @@ class Scene:
         stopped: Sequence[int] = (),
         keep: bool = False,
         certificate: str = DEFAULT_CERTIFICATE,
+        yaw_source: YawSource = YawSource.MEASURED,
+        poses: Sequence[PoseFault] = (),
         **fleet: Any,
     ) -> None:
         """Put drones on the floor at (N, 2), m, and start the pilot.
@@ -111,6 +117,8 @@ class Scene:
             stopped: drones with an emergency stop.
             keep: keep the moments.
             certificate: that is flown: packaged name or path.
+            yaw_source: where yaws come from.
+            poses: what is wrong with them from the first moment on; faults without a memory, which flights share.
             fleet: further arguments of the SimulatedFleet.
         """
         self.certificate, self.vehicle = load_certificate(certificate), load_vehicle(VEHICLE)
@@ -131,6 +139,8 @@ class Scene:
             self.fleet.firmware.request_emergency(drone)
         self.record = Record(self.fleet.bodies.position, floor)
         self.link = FaultyLink(self.fleet, self._look, self._read)
+        self.link.poses += poses
+        self._policy = policy_of(self.vehicle, yaw_source)
         self._looks = 0
         self._sent: dict[int, WireSetpoint] = {}  # at the last tick
         self._set = {"here": 0.0, "there": 0.0}  # by how much the clocks of controller and motion capture were set, s
@@ -148,7 +158,7 @@ class Scene:
     def start_controller(self) -> None:
         """Start the controller, with a pilot that knows of nothing."""
         tuning = Tuning(*_TUNING, self.certificate.gain_max)
-        self.pilot = Pilot(self.certificate, tuning, policy_of(self.vehicle), self.fleet.count)
+        self.pilot = Pilot(self.certificate, tuning, self._policy, self.fleet.count)
         self._started = self.fleet.time
         # methods, which a copy of this flight takes along; a lambda would read the clocks of the original
         self._stamps = StampClock(self.fleet.count, self._system_clock, self._steady_clock)
