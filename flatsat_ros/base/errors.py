@@ -24,12 +24,12 @@ def refusal(name: str, value: object, unit: str, valid: str) -> FlatsatError:
     """Return the refusal of a value: "name = value unit: must be valid".
 
     Args:
-        name: of the value.
+        name: of the value, of any length: parts of it may be what somebody wrote.
         value: as it was given, of any length.
         unit: of the value; empty for none.
         valid: what would have been valid, after "must be".
     """
-    return FlatsatError(f"{name} = {quoted(value)}{' ' if unit else ''}{unit}: must be {valid}")
+    return FlatsatError(f"{one_line(name, 150)} = {quoted(value)}{' ' if unit else ''}{unit}: must be {valid}")
 
 
 def require(holds: bool, name: str, value: object, unit: str, valid: str) -> None:

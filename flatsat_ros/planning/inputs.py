@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray, finite_array
-from flatsat_ros.base.errors import FlatsatError, quoted, refusal, require, require_number
+from flatsat_ros.base.errors import FlatsatError, one_line, quoted, refusal, require, require_number
 from flatsat_ros.base.files import located, read_text, unreadable
 from flatsat_ros.base.strict_yaml import read_yaml, section
 from flatsat_ros.certificate.certificate import Certificate
@@ -280,5 +280,6 @@ def _needed(name: str, value: object, *keys: str) -> dict[str, Any]:
     """Return a mapping that has at least the given keys: these files say much more that a plan does not need."""
     missing = [key for key in keys if not isinstance(value, dict) or key not in value]
     if missing or not isinstance(value, dict):
-        raise FlatsatError(f"{name}: must be a mapping with {', '.join(keys)}; {', '.join(missing)} is missing")
+        needed, lacking = (one_line(", ".join(names), 100) for names in (keys, missing))
+        raise FlatsatError(f"{name}: must be a mapping with {needed}; {lacking} is missing")
     return value

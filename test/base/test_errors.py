@@ -38,10 +38,13 @@ CHECKS: dict[Callable[[str, object, str], float], Callable[[float], bool]] = {
 NUMBERS = st.floats() | st.integers() | st.sampled_from([0.0, SMALLEST, LARGEST, 5e-324, 10**400, -(10**5000)])
 
 
-@given(ANYTHING)
-def test_a_refusal_is_one_short_line_whatever_the_value(value: object) -> None:
+@given(ANYTHING, st.text())
+def test_a_refusal_is_one_short_line_whatever_the_value(value: object, written: str) -> None:
     text = str(refusal("thrust", value, "N", "above 0"))
     assert text == f"thrust = {quoted(value)} N: must be above 0"
+    named = str(refusal("thrust of " + 40 * written, value, "N", "above 0"))
+    assert named.isprintable()
+    assert len(named) <= len(text) + 150
     assert text.isprintable()
     assert len(quoted(value)) <= 100
 

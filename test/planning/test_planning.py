@@ -449,6 +449,12 @@ def test_goals_are_gone_to_from_present_places(tmp_path: Path) -> None:
             "distance of a from wall at way-point 2 = 0.1 m: must be at least 0.2 m, body, tube",
         ),
         ("a.json", json.dumps(JSON | {"agents": [{"type": "crazyflie", "start": [0, 0, 1]}]}), "goal is missing"),
+        ("a.json", json.dumps(JSON | {"agents": [{"type": 10**400, "start": 0, "goal": 0}]}), "quadrotors: must be"),
+        (
+            "a.yaml",
+            f"drones: {{a: [[0, 0, 1], [1, 0, 1]]}}\nobstacles: {{{'w' * 600}: {{type: box, lower: 1, upper: 2}}}}",
+            r"w\.\.\. = \(\): must be",
+        ),
         ("a.txt", "", "must be one whose name ends in .csv, .yaml, .json"),
     ],
 )
@@ -458,6 +464,7 @@ def test_a_wrong_file_is_refused_in_one_line(tmp_path: Path, name: str, text: st
         read_mission(path, CERTIFICATE, Wishes(), "a")
     assert str(path) in str(refused.value)
     assert "\n" not in str(refused.value)
+    assert len(str(refused.value)) < len(str(path)) + 500
 
 
 def test_curves_of_a_plan_have_the_spans_of_their_legs(alone: Plan) -> None:
