@@ -286,7 +286,7 @@ def simulated(runs: int) -> None:
 
 
 def packaged(flights: Sequence[Samples]) -> bool:
-    """Print what the flights of `cf21_markers` tell today; return whether the intervals of the profile hold all of it."""
+    """Print what the flights of `cf21_markers` tell today; return whether the profile's intervals hold all of it."""
     profile, made = load_vehicle("cf21_markers"), {samples.name: samples for samples in flights}
     print(f"\nthe {len(PACKAGED)} flights of which {profile.name} was made")
     lacking = [name for name in PACKAGED if name not in made]
