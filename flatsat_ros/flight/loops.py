@@ -57,11 +57,13 @@ class Steered(NamedTuple):
         flying: (N,) who is steered.
         level: (N,) who is in the air without being steered.
         grounded: (N,) who is steered and has not left the ground yet.
+        touching: (N,) who lands and is so low that something may carry it; None for nobody.
     """
 
     flying: np.ndarray
     level: np.ndarray
     grounded: np.ndarray
+    touching: np.ndarray | None
 
 
 class Loop(ABC):
@@ -215,7 +217,10 @@ class PredictedLoop(Loop):
             if any_of(drones.grounded):
                 doubt.wait(now, drones.grounded)
             airborne = (drones.flying | drones.level) & ~drones.grounded
-            doubt.look(now, airborne, self._predictor.age, _sizes(self._predictor.innovation))
+            innovation = _sizes(self._predictor.innovation)
+            if drones.touching is not None:  # what carries a drone is in no model
+                innovation[drones.touching] = 0.0
+            doubt.look(now, airborne, self._predictor.age, innovation)
         if doubt.any:
             self._doubts = doubt.of(now)
         return doubt.any

@@ -94,7 +94,8 @@ class ControlStep:
             if flying[index]:
                 guidance.land(index, now)
                 self.reports.append(Report(index, f"{text}: it brakes and lands"))
-        aim = parts.loop.aim(now, estimated, reference, Steered(flying, level, grounded))
+        touching = guidance.landing & guidance.near_ground(state) if any_of(guidance.landing) else None
+        aim = parts.loop.aim(now, estimated, reference, Steered(flying, level, grounded, touching))
         hurried = senses.thrust.hurried
         adapting = flying if hurried is None else flying & ~hurried
         output = parts.steering.step(aim.state, estimator.yaw, aim.base, flying, adapting)
@@ -133,8 +134,8 @@ class ControlStep:
                     guidance.land(index, now, state[index, :3])
         # on the ground nothing is claimed, before a flight and at its end
         watched = flying & ~grounded
-        if any_of(guidance.landing):
-            watched &= ~(guidance.landing & guidance.near_ground(state))
+        if touching is not None:
+            watched &= ~touching
         for index in parts.loop.astray():
             if watched[index] and not guidance.landing[index]:
                 guidance.land(index, now)

@@ -8,12 +8,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flatsat_ros.certificate.certificate import load_certificate
+from flatsat_ros.crazyflie.fit import LINK_DELAY
+from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.flight.doubt import Doubt
 from flatsat_ros.flight.estimator import Estimator
 from flatsat_ros.flight.guidance import Guidance
 from flatsat_ros.flight.modes import Mode
+from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.senses import Senses
+from flatsat_ros.flight.tick import Tick
+from flatsat_ros.law.gain import Tuning
+from flatsat_ros.sim.closed_loop import fly
+from flatsat_ros.sim.fleet import SimulatedFleet
+from flatsat_ros.sim.sensor import MotionCapture
 
 CERTIFICATE = load_certificate("cf21_adaptive_50hz")
 assert CERTIFICATE.flight is not None
@@ -214,3 +222,21 @@ def test_who_sinks_when_its_poses_are_back_comes_to_rest_before_the_floor() -> N
     again = np.array([guidance.references.motion(0, time)[0] for time in times[10:]])
     assert again[:, 2].min() > 0.1
     assert np.abs(again[:, :2]).max() < 0.3
+
+
+def test_a_landing_is_no_reason_to_doubt_the_loop_of_the_next_flight() -> None:
+    vehicle = load_vehicle("cf21")
+    fleet = SimulatedFleet(vehicle, 2, capture=MotionCapture(noise=1e-4), command_delay=LINK_DELAY)
+    policy = Policy(disturbance_max=0.8, thrust_error_max=0.25, drag=vehicle.dynamics.drag_z)
+    pilot, told = Pilot(CERTIFICATE, Tuning(2.0, 0.05, 1.0, CERTIFICATE.gain_max), policy, 2), []
+
+    def look(_now: float, _samples: object, tick: Tick, _sent: object) -> None:
+        told.extend(report.text for report in tick.reports)
+
+    time = fly(pilot, fleet, vehicle, 1.0, look)
+    for request in (lambda i: pilot.take_off(i, 0.3), pilot.land):
+        for index in range(2):
+            request(index)
+        time = fly(pilot, fleet, vehicle, time + 5.0, look, start=time)
+    assert fleet.bodies.grounded.all()
+    assert not any("flown softly" in text for text in told)
