@@ -38,6 +38,7 @@ from flatsat_ros.identification.recording import read_csv
 from flatsat_ros.identification.residuals import Flight
 from flatsat_ros.identification.response import Figures
 from flatsat_ros.identification.screening import STEP, Samples, position_noise, screen
+from flatsat_ros.identification.surroundings import surroundings
 from flatsat_ros.identification.validation import older, oldest
 from flatsat_ros.sim.dynamics import Wind
 
@@ -212,7 +213,8 @@ def prediction(flights: Sequence[tuple[Samples, Figures]], base: VehicleProfile)
 
 def coverage(known: Identified, others: Sequence[Samples], base: VehicleProfile) -> None:
     """Print how many of the other flights' own estimates lie in the intervals."""
-    inside: dict[str, list[bool]] = {name: [] for name in NAMES}
+    around = surroundings(known.flights, known.common)
+    beside: dict[str, list[float]] = {each.name: [] for each in around}
     values: dict[str, list[float]] = {name: [] for name in NAMES}
     for samples in others:
         flight = Flight.of(samples)
@@ -221,21 +223,23 @@ def coverage(known: Identified, others: Sequence[Samples], base: VehicleProfile)
         except FlatsatError as error:
             print(f"  left out: {error}")
             continue
+        for each in surroundings([flight], alone):
+            if each.flights:
+                beside[each.name].append(each.value)
         for name in NAMES:
-            interval = known.figures[name].interval
-            if interval is not None and telling(name, alone, base.pwm_max):
-                value = estimate(name, alone, base.pwm_max)
-                values[name].append(value)
-                inside[name].append(interval[0] <= value <= interval[1])
+            if known.figures[name].interval is not None and telling(name, alone, base.pwm_max):
+                values[name].append(estimate(name, alone, base.pwm_max))
     print("\nother flights' own estimates inside the stated interval")
-    for name in NAMES:
-        figure = known.figures[name]
-        if figure.interval is None or not inside[name]:
+    intervals = {name: known.figures[name].interval for name in NAMES} | {each.name: each.interval for each in around}
+    for name, found in (values | beside).items():
+        if intervals[name] is None or not found:
             continue
-        quantiles = np.percentile(values[name], (5, 50, 95))
+        low, high = intervals[name]
+        share = np.mean([low <= value <= high for value in found])
+        quantiles = np.percentile(found, (5, 50, 95))
         print(
-            f"  {name:20s} [{figure.interval[0]:8.4g}, {figure.interval[1]:8.4g}]  {np.mean(inside[name]):5.0%} of "
-            f"{len(inside[name]):3d}   5 / 50 / 95 %: {quantiles[0]:.4g} / {quantiles[1]:.4g} / {quantiles[2]:.4g}"
+            f"  {name:22s} [{low:8.4g}, {high:8.4g}]  {share:5.0%} of {len(found):3d}   "
+            f"5 / 50 / 95 %: {quantiles[0]:.4g} / {quantiles[1]:.4g} / {quantiles[2]:.4g}"
         )
 
 

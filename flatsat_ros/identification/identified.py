@@ -209,18 +209,28 @@ def _figure(name: str, common: Fit, alone: Sequence[Fit], pwm_max: float) -> Fig
     relative = name in _SHARES
     width = max(_RESOLVED[name], _DEVIATIONS * _deviation(name, common, pwm_max) / (value if relative else 1.0))
     found = np.array([each for each in estimates if not math.isnan(each)])
-    count = max(len(found), 1)
-    spread = float(np.var(np.log(found) if relative else found, ddof=1)) if count > 1 else 0.0
-    freedom = _WEIGHT + count - 1
     usual = _USUAL[name]
     if name == "natural_frequency":
         own = [_deviation(name, each, pwm_max) / estimate(name, each, pwm_max) for each in alone]
         usual = math.hypot(usual, _TRADED * float(np.median(own)))
-    pooled = math.sqrt((_WEIGHT * usual**2 + (count - 1) * spread) / freedom)
-    width = max(width, float(student.ppf(0.975, freedom)) * pooled * math.sqrt(1.0 + 1.0 / count))
+    width = max(width, width_between(np.log(found) if relative else found, usual))
     ends = (value * math.exp(-width), value * math.exp(width)) if relative else (value - width, value + width)
     least, most, _ = BOUNDS.get(name, (0.0, math.inf, 0.0))
     return Figure(value, (max(ends[0], least), min(ends[1], most)), len(found), estimates)
+
+
+def width_between(found: FloatArray, usual: float) -> float:
+    """Return half of the interval for another flight, about the mean of flights.
+
+    Args:
+        found: (n,) what each of them tells.
+        usual: standard deviation between flights of one drone, S0.
+    """
+    count = max(len(found), 1)
+    spread = float(np.var(found, ddof=1)) if count > 1 else 0.0
+    freedom = _WEIGHT + count - 1
+    pooled = math.sqrt((_WEIGHT * usual**2 + (count - 1) * spread) / freedom)
+    return float(student.ppf(0.975, freedom)) * pooled * math.sqrt(1.0 + 1.0 / count)
 
 
 def _estimates(name: str, common: Fit, alone: Sequence[Fit], pwm_max: float) -> tuple[float, ...]:

@@ -20,6 +20,7 @@ from flatsat_ros.identification.residuals import REACH, Flight
 from flatsat_ros.identification.residuals import Misfit as Residuals
 from flatsat_ros.identification.response import respond
 from flatsat_ros.identification.screening import STEP, Samples
+from flatsat_ros.identification.surroundings import surroundings
 
 _WORDS = {
     "attitude_gain": ("attitude gain", 1.0, ""),
@@ -55,10 +56,13 @@ def lines(identified: Identified, base: VehicleProfile) -> Iterator[str]:
         low, high = (factor * end for end in figure.interval)
         support = f"{figure.flights} of {count} flights"
         yield f"  {words:22s} {factor * figure.value:9.4g}  [{low:.4g}, {high:.4g}] {unit:8s} {support}"
+    for each in surroundings(identified.flights, identified.common):
+        if each.flights:
+            interval = "[{:.4g}, {:.4g}]".format(*each.interval)
+            yield f"  {each.name:22s} {each.value:9.4g}  {interval} {each.unit:8s} {each.flights} of {count} flights"
     degrees = np.rad2deg([each.frame for each in identified.common.misfits])
     for flight, (roll, pitch) in zip(identified.flights, degrees, strict=True):
         yield f"  marker frame of {flight.motion.samples.name}: roll {roll:.2f} deg, pitch {pitch:.2f} deg"
-    yield f"  pose noise {1e3 * identified.pose_noise:.3g} mm"
     pushed, change = disturbances(identified.flights, identified.common)
     for name, unit, values in (
         ("disturbance", "m/s^2", np.linalg.norm(pushed, axis=1)),

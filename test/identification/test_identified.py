@@ -21,6 +21,7 @@ from flatsat_ros.identification.report import lines
 from flatsat_ros.identification.residuals import REACH, Flight, misfit, twice_integrated
 from flatsat_ros.identification.response import Figures
 from flatsat_ros.identification.screening import STEP, screen
+from flatsat_ros.identification.surroundings import surroundings
 
 CF21 = load_vehicle("cf21")
 
@@ -59,6 +60,21 @@ def test_what_the_logs_tell_is_true(found: Identified, weak: VehicleProfile) -> 
         assert np.abs(each.trim).max() < 0.05
     pushed, _ = disturbances(found.flights, found.common)
     assert np.percentile(np.linalg.norm(pushed, axis=1), 95.0) < 0.1
+
+
+def test_what_is_beside_the_drone_has_an_interval_that_holds_it(found: Identified) -> None:
+    expected = {"marker frame, roll": np.rad2deg(0.01), "marker frame, pitch": np.rad2deg(-0.02), "pose noise": 0.3}
+    both = surroundings(found.flights, found.common)
+    one = surroundings(found.flights[:1], replace(found.common, misfits=found.common.misfits[:1]))
+    for many, few in zip(both, one, strict=True):
+        assert (many.flights, few.flights) == (2, 1)
+        low, high = many.interval
+        assert low < few.value < high
+        assert low < expected.get(many.name, many.value) < high
+    samples = replace(found.flights[0].motion.samples, noise=np.empty((0, 3)))
+    rare = replace(found.flights[0], motion=replace(found.flights[0].motion, samples=samples))
+    told = surroundings([rare], replace(found.common, misfits=found.common.misfits[:1]))
+    assert [each.flights for each in told] == [1, 1, 0, 1, 1]
 
 
 def test_the_profile_of_it_loads_and_flies_as_it_did(found: Identified, weak: VehicleProfile, tmp_path: Path) -> None:
