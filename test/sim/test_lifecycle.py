@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate, load_certificate
@@ -30,20 +32,19 @@ VEHICLE = VehicleProfile.load(CONFIG / "vehicles" / "cf21.yaml")
 
 
 class Flight:
-    """One drone on the floor and its pilot.
+    """Drones on the floor, far from each other, and their pilot.
 
     Attributes:
-        vehicle: what the pilot takes the drone for.
-        modes: flight modes so far, repetitions removed.
+        vehicle: what the pilot takes the drones for.
+        modes: flight modes of the first one so far, repetitions removed.
         thrusts: thrust set-points so far, PWM.
-        thrust_scales: estimates in flight.
+        thrust_scales: estimates of all at the ticks at which all fly.
         now: time of the next tick, s.
     """
 
     def __init__(
         self,
-        *,
-        scale: float = 1.0,
+        *scales: float,
         mu: float = 2.0,
         compensated: float = 0.0,
         floor: float = 0.0,
@@ -51,14 +52,15 @@ class Flight:
         noise: float = 5e-4,
     ) -> None:
         policy = Policy(disturbance_max=compensated, floor=floor, thrust_error_max=thrust_error)
-        self.pilot = Pilot(CERTIFICATE, Tuning(mu, 0.05, 1.0, CERTIFICATE.gain_max), policy, 1)
-        self.fleet = SimulatedFleet(
-            VEHICLE, 1, start=[[0.0, 0.0, floor]], floor=floor, thrust_scale=scale, capture=MotionCapture(noise=noise)
-        )
+        scale = np.array(scales or [1.0])
+        self.pilot = Pilot(CERTIFICATE, Tuning(mu, 0.05, 1.0, CERTIFICATE.gain_max), policy, len(scale))
+        start = [[3.0 * index, 0.0, floor] for index in range(len(scale))]
+        capture = MotionCapture(noise=noise)
+        self.fleet = SimulatedFleet(VEHICLE, len(scale), start=start, floor=floor, thrust_scale=scale, capture=capture)
         self.vehicle = VEHICLE
         self.modes: list[Mode] = []
         self.thrusts: list[float] = []
-        self.thrust_scales: list[float] = []
+        self.thrust_scales: list[FloatArray] = []
         self.now = 0.0
         self.let_pass(0.5)
 
@@ -66,13 +68,28 @@ class Flight:
     def height(self) -> float:
         return float(self.fleet.bodies.position[0, 2])
 
+    @property
+    def heights(self) -> FloatArray:
+        return self.fleet.bodies.position[:, 2].copy()
+
+    def ask(self, order: Callable[[int], None]) -> None:
+        """Give all the same order."""
+        for index in range(self.fleet.count):
+            order(index)
+
     def let_pass(self, seconds: float) -> None:
         self.now = fly(self.pilot, self.fleet, self.vehicle, self.now + seconds, self._observe, start=self.now)
 
+    def tick_after(self, seconds: float) -> Tick:
+        """Return the last tick of some time, s."""
+        self.let_pass(seconds)
+        return self._tick
+
     def _observe(self, _now: float, _samples: list[Sample], tick: Tick, sent: dict[int, WireSetpoint]) -> None:
         mode = Mode(int(tick.mode[0]))
-        if mode is Mode.FLY:
-            self.thrust_scales.append(float(tick.thrust_scale[0]))
+        self._tick = tick
+        if (tick.mode == Mode.FLY).all():
+            self.thrust_scales.append(tick.thrust_scale.copy())
         if self.modes[-1:] != [mode]:
             self.modes.append(mode)
         self.thrusts += [setpoint.thrust for setpoint in sent.values()]
@@ -87,32 +104,34 @@ def test_a_drone_takes_off_lands_and_can_take_off_again(floor: float) -> None:
         flight.let_pass(6.0)
         assert flight.height == pytest.approx(floor + 0.6, abs=0.15)
         flight.pilot.land(0)
-        flight.let_pass(16.0)
+        flight.let_pass(9.0)
         assert flight.modes == [Mode.IDLE, Mode.UNLOCK, Mode.FLY, Mode.REST, Mode.IDLE][-len(flight.modes) :]
         assert flight.height == pytest.approx(floor, abs=1e-3)
         assert flight.thrusts[-1] == 0.0
 
 
-@pytest.mark.parametrize("scale", [0.93, 1.0, 1.1])
 @pytest.mark.parametrize("mu", [0.0, 2.0])
 @pytest.mark.parametrize("compensated", [0.0, 0.8])
-def test_no_thrust_error_makes_it_take_the_air_for_the_floor(scale: float, mu: float, compensated: float) -> None:
-    flight = Flight(scale=scale, mu=mu, compensated=compensated)
-    flight.pilot.take_off(0, 1.5)
+def test_no_thrust_error_makes_it_take_the_air_for_the_floor(mu: float, compensated: float) -> None:
+    flight = Flight(0.93, 1.0, 1.1, mu=mu, compensated=compensated)
+    flight.ask(lambda index: flight.pilot.take_off(index, 1.5))
     flight.let_pass(10.0)
-    flight.pilot.land(0)
-    while Mode.REST not in flight.modes:
-        flight.let_pass(0.1)
+    assert (flight.heights > 0.3).all()
+    flight.ask(flight.pilot.land)
+    rested = np.zeros(3, dtype=bool)
+    while not rested.all():
+        tick = flight.tick_after(0.1)
+        assert (flight.heights[tick.mode == Mode.REST] < 0.02).all()
+        rested |= tick.mode == Mode.REST
         assert flight.now < 60.0, "it never touched down"
-    assert flight.height < 0.02
 
 
 def test_after_the_landing_zeros_are_sent_for_longer_than_the_firmware_watches() -> None:
     flight = Flight()
     flight.pilot.take_off(0, 0.5)
-    flight.let_pass(6.0)
+    flight.let_pass(4.0)
     flight.pilot.land(0)
-    flight.let_pass(16.0)
+    flight.let_pass(9.0)
     zeros = len(flight.thrusts) - np.flatnonzero(flight.thrusts)[-1] - 1
     assert zeros * CERTIFICATE.period > 1.8
     assert flight.modes[-1] is Mode.IDLE
@@ -236,52 +255,52 @@ def test_a_drone_is_handed_over_to_its_own_commander() -> None:
     assert flight.modes[-1] is Mode.IDLE
 
 
-@pytest.mark.parametrize("scale", [0.9, 1.0, 1.1])
-def test_the_thrust_scale_is_found_in_flight_and_kept_through_landings(scale: float) -> None:
-    flight = Flight(scale=scale, compensated=0.8, thrust_error=0.2)
-    flight.pilot.take_off(0, 0.6)
-    flight.let_pass(20.0)
-    assert flight.thrust_scales[-1] == pytest.approx(scale, abs=0.02)
-    flight.pilot.land(0)
-    flight.let_pass(16.0)
-    assert flight.modes[-1] is Mode.IDLE
+def test_the_thrust_scale_is_found_in_flight_and_kept_through_landings() -> None:
+    scales = [0.9, 1.0, 1.1]
+    flight = Flight(*scales, compensated=0.8, thrust_error=0.2)
+    flight.ask(lambda index: flight.pilot.take_off(index, 0.6))
+    flight.let_pass(12.0)
+    assert flight.thrust_scales[-1] == pytest.approx(scales, abs=0.02)
+    flight.ask(flight.pilot.land)
+    assert (flight.tick_after(9.0).mode == Mode.IDLE).all()
     flight.thrust_scales.clear()
-    flight.pilot.take_off(0, 0.6)
-    flight.let_pass(20.0)
-    assert np.array(flight.thrust_scales) == pytest.approx(scale, abs=0.03)
+    flight.ask(lambda index: flight.pilot.take_off(index, 0.6))
+    flight.let_pass(12.0)
+    assert (np.abs(np.array(flight.thrust_scales) - scales) < 0.03).all()
 
 
-@pytest.mark.parametrize(("scale", "noise"), [(0.8, 2e-3), (1.0, 0.0), (1.0, 5e-4), (1.0, 2e-3), (1.2, 5e-4)])
-def test_whatever_the_thrust_and_the_noise_it_takes_off_without_a_leap(scale: float, noise: float) -> None:
-    flight = Flight(scale=scale, compensated=0.8, thrust_error=0.25, noise=noise)
-    flight.pilot.take_off(0, 0.5)
+@pytest.mark.parametrize(("scales", "noise"), [((1.0,), 0.0), ((1.0, 1.2), 5e-4), ((0.8, 1.0), 2e-3)])
+def test_whatever_the_thrust_and_the_noise_it_takes_off_without_a_leap(scales: tuple[float, ...], noise: float) -> None:
+    flight = Flight(*scales, compensated=0.8, thrust_error=0.25, noise=noise)
+    flight.ask(lambda index: flight.pilot.take_off(index, 0.5))
     heights = []
     for _ in range(100):
         flight.let_pass(0.1)
-        heights.append(flight.height)
-    assert max(heights) < 0.6
+        heights.append(flight.heights)
+    assert np.max(heights) < 0.6
     assert heights[-1] == pytest.approx(0.5, abs=0.05)
 
 
-@pytest.mark.parametrize("scale", [0.9, 1.0, 1.1])
-def test_a_drone_taken_over_in_the_air_neither_drops_nor_leaps(scale: float) -> None:
-    flight = Flight(scale=scale, compensated=0.8, thrust_error=0.25)
+def test_a_drone_taken_over_in_the_air_neither_drops_nor_leaps() -> None:
+    scales = np.array([0.9, 1.0, 1.1])
+    flight = Flight(*scales, compensated=0.8, thrust_error=0.25)
+    places = [[3.0 * index, 0.0, 1.0] for index in range(3)]
     flight.fleet = SimulatedFleet(
-        VEHICLE, 1, start=[[0.0, 0.0, 1.0]], flying=True, thrust_scale=scale, capture=MotionCapture(noise=5e-4)
+        VEHICLE, 3, start=places, flying=True, thrust_scale=scales, capture=MotionCapture(noise=5e-4)
     )
     flight.now = 0.0
-    hover = float(VEHICLE.pwm_from_thrust(GRAVITY / scale))
-    for _ in range(5):  # whoever flew it before
-        flight.fleet.command(0, 0.0, 0.0, 0.0, hover)
+    for _ in range(5):  # whoever flew them before
+        for index, thrust in enumerate(VEHICLE.pwm_from_thrust(GRAVITY / scales)):
+            flight.fleet.command(index, 0.0, 0.0, 0.0, float(thrust))
         flight.let_pass(0.1)
-    flight.pilot.set_goal(0, [0.0, 0.0, 1.0])
+    flight.ask(lambda index: flight.pilot.set_goal(index, places[index]))
     heights = []
     for _ in range(60):
-        flight.let_pass(0.1)
-        heights.append(flight.height)
-    assert flight.modes[-1] is Mode.FLY
-    assert min(heights) > 0.8
-    assert max(heights) < 1.2
+        tick = flight.tick_after(0.1)
+        heights.append(flight.heights)
+    assert (tick.mode == Mode.FLY).all()
+    assert np.min(heights) > 0.8
+    assert np.max(heights) < 1.2
 
 
 def test_a_drone_that_is_locked_again_after_its_unlocking_stays_on_the_ground_until_it_is_armed() -> None:
