@@ -81,7 +81,7 @@ BAD = {
 def test_what_one_drone_is_sent_does_not_touch_another(room: Callable[..., Room]) -> None:
     quiet = room()
     quiet.hover("cf1", "cf2")
-    quiet.run(0.5 * len(BAD))
+    quiet.run(0.2 * len(BAD))
     quiet.node.destroy_node()
     rclpy.shutdown()
     lab = room()
@@ -90,7 +90,7 @@ def test_what_one_drone_is_sent_does_not_touch_another(room: Callable[..., Room]
         before = lab.node.faults.counts["cf1/" + topic] + lab.node._pilot.estimator.rejected[0]
         for _ in range(20):
             lab.deliver(f"cf1/{topic}", data)
-        lab.run(0.5)
+        lab.run(0.2)
         known = lab.node.faults.counts["cf1/" + topic] + lab.node._pilot.estimator.rejected[0] - before
         assert known == 20, name
         assert lab.modes == [Mode.FLY, Mode.FLY], name
@@ -212,21 +212,22 @@ def test_the_last_set_point_is_level_whatever_failed(
         assert 0.85 * hover < last.thrust < hover
 
 
-@pytest.mark.parametrize("seconds", [60, -60, 0.3, -0.3])
+@pytest.mark.parametrize("first", [60.0, -0.3])
 def test_a_clock_that_is_set_in_flight_moves_no_drone(
-    seconds: float, room: Callable[..., Room], capfd: pytest.CaptureFixture[str]
+    first: float, room: Callable[..., Room], capfd: pytest.CaptureFixture[str]
 ) -> None:
     lab = room()
     lab.hover("cf1", "cf2")
-    sent, refused = len(lab.wires[0].sent), lab.node._pilot.estimator.rejected.tolist()
-    for _ in range(2):  # there, and there again
+    refused = lab.node._pilot.estimator.rejected.tolist()
+    for seconds in (first, first, -first, -first):  # there, and there again
+        sent = len(lab.wires[0].sent)
         lab.set_by += round(seconds * NANOSECONDS)
         heights = lab.run(1.0)
         assert np.abs(heights - 1.0).max() < 0.1
         assert lab.modes == [Mode.FLY, Mode.FLY]
-    assert len(lab.wires[0].sent) == sent + 2 * round(1.0 / lab.period)
-    assert lab.node._pilot.estimator.rejected.tolist() == refused
-    assert f"the clock was set by {seconds:+.3f} s" in capfd.readouterr().err
+        assert len(lab.wires[0].sent) == sent + round(1.0 / lab.period)
+        assert lab.node._pilot.estimator.rejected.tolist() == refused
+    assert f"the clock was set by {first:+.3f} s" in capfd.readouterr().err
 
 
 def test_a_take_off_whose_poses_pause_is_carried_out_and_every_transition_is_logged(
