@@ -24,12 +24,15 @@ _CHUNK = 16
 # A loop has forgotten once so little of the state's sums can be left, relatively.
 _FORGOTTEN = 1e-4
 
+# Chunks after which it is asked whether a loop is one that grows.
+_GIVE_UP = 8
+
 # Periods after which a loop that still remembers is given up.
 _PERIODS_MAX = 20_000
 
-# Loops that are summed side by side: so few that intermediate results stay below 128 KiB, beyond which the system hands
-# out and takes back memory each time, which takes longer than to compute.
-_BATCH = 4
+# Loops that are summed side by side: so many that calls cost little beside what they compute, and so few that what is
+# computed stays near the processor.
+_BATCH = 6
 
 # By how much, relatively, the sums of the state are taken to be above what was summed, and rounds to find them.
 _SLACK, _ROUNDS = 1e-6, 60
@@ -100,11 +103,12 @@ class _Running:
         waiting: (N, F) for which factors it still remembers.
         rows: (N, p + n, n), C A^i and A^i at the chunk's beginning.
         turns: (N, d, p + n, 2 n), their derivatives, and beside them the rows again.
-        rows_sum, turns_sum: (N, p + n, n, F), sums of their sizes over the chunks; the derivatives' times the reach.
-        plain, others: (N, p + n, b, F) and (N, p + n, c, F), sums of the answers' sizes.
-        vertex, bent: (N, V, p, b, F) and (N, n, b, F), likewise; those of the state's derivatives, times the reach.
-        peaks, vertex_peaks, bent_peaks: (N, p + n, k, 16), (N, V, p, k, 16) and (N, n, k, 16), largest ones to starts
-            for the last factor, at each period of a chunk.
+        rows_size, turns_size: (N, p + n, n), sizes of the rows and, times the reach, of their derivatives together.
+        rows_sum, turns_sum: (N, F, p + n, n), sums of these over the chunks.
+        plain, others: (N, p + n, f, F) and (N, p + n, c, F), sums of the answers' sizes.
+        vertex, bent: (N, V, p, f, F) and (N, n, f, F), likewise; those of the state's derivatives, times the reach.
+        peaks, vertex_peaks, bent_peaks: (N, p + n, 16 k), (N, V, p, 16 k) and (N, n, 16 k), largest ones to starts for
+            the last factor, at each period of a chunk.
         moved, moved_others: (N, n, 16 b) and (N, n, 16 c), A^j of the columns, of each the periods of a chunk.
         turned: (N, d, 2 n, 16 b), A^j of the followed columns and, below, their derivatives: times turns derivatives.
         power, slope: (N, n, n) A^j over the whole chunk, and (N, d, 2 n, n) with its derivatives below.
@@ -116,6 +120,8 @@ class _Running:
     waiting: NDArray[np.bool_]
     rows: FloatArray
     turns: FloatArray
+    rows_size: FloatArray
+    turns_size: FloatArray
     rows_sum: FloatArray
     turns_sum: FloatArray
     plain: FloatArray
@@ -132,6 +138,20 @@ class _Running:
     slope: FloatArray
     shares: FloatArray
     reach: FloatArray
+
+    def answer(self, which: slice, values: FloatArray, vertex: FloatArray) -> None:
+        """Write the sizes of what some of the followed columns answer in a chunk.
+
+        Args:
+            which: of the columns, each with its 16 periods.
+            values: (N, 1 + d, p + n, columns), to write to, the answers and their derivatives.
+            vertex: (N, V, p, columns), to write to, the combinations at the vertices.
+        """
+        np.matmul(self.rows, self.moved[..., which], out=values[:, 0])
+        np.matmul(self.turns, self.turned[..., which], out=values[:, 1:])
+        np.matmul(self.shares, _flat(values[:, :, : vertex.shape[2]], 2), out=_flat(vertex, 2))
+        np.abs(values, out=values)
+        np.abs(vertex, out=vertex)
 
     def without(self, place: int) -> _Running:
         """Return the same without a loop, in whose place in memory the last one goes."""
@@ -173,9 +193,25 @@ class _Sums:
         # combinations of a term's own value and its derivatives
         self.shares = np.concatenate([np.ones((*vertices.shape[:2], 1)), vertices], axis=2)
         self.reach = np.abs(vertices).max(axis=1)
-        # what answers to inputs, (16, F), and starts, (16,), are multiplied with in a chunk, and from one to the next
+        share = rounding(n + d + 4)
+
+        def wrong(value: Enclosure) -> FloatArray:
+            """By how much products with it are wrong, per unit of the other factor."""
+            return np.asarray(value.rad + share * np.abs(value.mid))
+
+        def together(derivatives: FloatArray) -> FloatArray:
+            """Add up derivatives (N, d, ...), times their reach."""
+            return np.asarray((self.reach.reshape(N, d, 1, 1) * derivatives).sum(axis=1))
+
+        # in a chunk, of A^16 and its derivatives, and of each column over all periods, of those that are followed,
+        # their derivatives, and the others
+        self.wrong_power, self.wrong_slope = wrong(power), together(wrong(slope))
+        whole = wrong(self.moved), together(wrong(self.turned)), wrong(self.others)
+        self.off, self.kicks, self.off_others = (value.reshape(N, n, -1, _CHUNK).sum(axis=3) for value in whole)
+        # what answers to inputs, (16, F), and starts, (16 k,), are multiplied with in a chunk, and from one to the next
         powers = np.cumprod(np.tile(factors, (_CHUNK, 1)), axis=0)
-        self.inputs, self.starts, self.chunk = powers, powers[:, -1] / factors[-1], powers[-1]
+        self.inputs, self.chunk = powers, powers[-1]
+        self.starts = np.tile(powers[:, -1] / factors[-1], k)
 
     def _beginning(self) -> _Running:
         """Return rows of the first chunk, and nothing gathered."""
@@ -187,15 +223,17 @@ class _Sums:
             waiting=np.ones((N, F), dtype=bool),
             rows=rows,
             turns=np.concatenate([np.zeros((N, d, p + n, n)), np.zeros((N, d, p + n, n)) + rows[:, None]], axis=3),
-            rows_sum=np.zeros((N, p + n, n, F)),
-            turns_sum=np.zeros((N, p + n, n, F)),
-            plain=np.zeros((N, p + n, f + k, F)),
+            rows_size=np.abs(rows),
+            turns_size=np.zeros((N, p + n, n)),
+            rows_sum=np.zeros((N, F, p + n, n)),
+            turns_sum=np.zeros((N, F, p + n, n)),
+            plain=np.zeros((N, p + n, f, F)),
             others=np.zeros((N, p + n, m - f, F)),
-            vertex=np.zeros((N, V, p, f + k, F)),
-            bent=np.zeros((N, n, f + k, F)),
-            peaks=np.zeros((N, p + n, k, _CHUNK)),
-            vertex_peaks=np.zeros((N, V, p, k, _CHUNK)),
-            bent_peaks=np.zeros((N, n, k, _CHUNK)),
+            vertex=np.zeros((N, V, p, f, F)),
+            bent=np.zeros((N, n, f, F)),
+            peaks=np.zeros((N, p + n, k * _CHUNK)),
+            vertex_peaks=np.zeros((N, V, p, k * _CHUNK)),
+            bent_peaks=np.zeros((N, n, k * _CHUNK)),
             moved=self.moved.mid.copy(),
             moved_others=self.others.mid.copy(),
             turned=_over(self.moved.mid, self.turned.mid),
@@ -212,48 +250,57 @@ class _Sums:
         found = [tuple(np.full(shape, np.inf) for shape in ((N, p, m + k), (N, V, p, f + k))) for _ in range(F)]
         now, scale, ever = self._beginning(), np.ones(F), range(_PERIODS_MAX // _CHUNK)
         # products go to memory that is there: to be given some would take longer than to multiply
-        shapes = (N, 1 + d, p + n, f + k, _CHUNK), (N, V, p, f + k, _CHUNK), (N, p + n, m - f, _CHUNK)
+        shapes = (N, 1 + d, p + n, f * _CHUNK), (N, V, p, f * _CHUNK), (N, p + n, (m - f) * _CHUNK)
         memory = [np.empty(shape) for shape in shapes]
-        totals = [np.empty((*shape[:-1], F)) for shape in shapes]
+        totals = [np.empty((*shape[:-1], shape[-1] // _CHUNK, F)) for shape in shapes]
+        begun = np.empty((N, 1 + d, p + n, k * _CHUNK)), np.empty((N, V, p, k * _CHUNK))
+        followed, started = slice(f * _CHUNK), slice(f * _CHUNK, None)
         with np.errstate(all="ignore"):  # of loops that are not stable all grows beyond all numbers
-            for _ in ever:
+            for number in ever:
                 count = len(now.place)
                 if not count:
                     break
                 values, vertex, others = (array[:count] for array in memory)
-                np.matmul(now.rows, now.moved, out=_flat(values[:, 0], 2))
-                np.matmul(now.turns, now.turned, out=_flat(values[:, 1:], 3))
-                np.matmul(now.rows, now.moved_others, out=_flat(others, 2))
-                np.matmul(now.shares, _flat(values[:, :, :p], 2), out=_flat(vertex, 2))
+                now.answer(followed, values, vertex)
+                np.abs(np.matmul(now.rows, now.moved_others, out=others), out=others)
                 sums, vertex_sums, others_sums = (array[:count] for array in totals)
                 for array, total in ((values, sums), (vertex, vertex_sums), (others, others_sums)):
-                    np.abs(array, out=array)
-                    np.matmul(_flat(array, -1), self.inputs * scale, out=_flat(total, -1))
+                    np.matmul(array.reshape(-1, _CHUNK), self.inputs * scale, out=_flat(total, -1))
                 now.vertex[:] += vertex_sums
                 now.others[:] += others_sums
                 reach, turns = now.reach[:, :, None, None], now.turns[..., :n]
                 now.plain[:] += sums[:, 0]
                 now.bent[:] += (reach[..., None] * sums[:, 1:, p:]).sum(axis=1)
                 if k:
-                    weight, values = scale[-1] * self.starts, values[..., f:, :]
-                    _keep(now.peaks, values[:, 0], weight)
-                    _keep(now.vertex_peaks, vertex[..., f:, :], weight)
-                    _keep(now.bent_peaks, (reach[..., None] * values[:, 1:, p:]).sum(axis=1), weight)
-                now.rows_sum[:] += scale * np.abs(now.rows)[..., None]
-                now.turns_sum[:] += scale * (reach * np.abs(turns)).sum(axis=1)[..., None]
+                    values, vertex = (array[:count] for array in begun)
+                    now.answer(started, values, vertex)
+                    for array in (values, vertex):
+                        array *= scale[-1] * self.starts
+                    np.maximum(now.peaks, values[:, 0], out=now.peaks)
+                    np.maximum(now.vertex_peaks, vertex, out=now.vertex_peaks)
+                    bent = (reach * values[:, 1:, p:]).sum(axis=1)
+                    np.maximum(now.bent_peaks, bent, out=now.bent_peaks)
+                now.rows_sum[:] += scale[:, None, None] * now.rows_size[:, None]
+                now.turns_sum[:] += scale[:, None, None] * now.turns_size[:, None]
                 turns[:] = now.turns @ now.slope
                 now.rows[:] = now.rows @ now.power
                 now.turns[..., n:] = now.rows[:, None]
+                np.abs(now.rows, out=now.rows_size)
+                np.sum(reach * np.abs(turns), axis=1, out=now.turns_size)
                 scale = scale * self.chunk
-                left = np.abs(now.rows) + (reach * np.abs(turns)).sum(axis=1)
-                sizes = now.others[:, p:].sum(axis=2) + (now.plain[:, p:, :f] + now.bent[:, :, :f]).sum(axis=2)
-                sizes[..., -1] += (now.peaks[:, p:] + now.bent_peaks).sum(axis=(2, 3))
+                left = now.rows_size + now.turns_size
+                # of each entry alone no less is left; loops that grow are looked for now and then
+                alone = np.einsum("ijj->ij", left[:, p:]).max(axis=1)[:, None] * scale
+                if number % _GIVE_UP and (alone >= _FORGOTTEN)[now.waiting].all():
+                    continue
+                sizes = now.others[:, p:].sum(axis=2) + (now.plain[:, p:] + now.bent).sum(axis=2)
+                sizes[..., -1] += (now.peaks[:, p:] + now.bent_peaks).sum(axis=2)
                 remembered = (scale * (left[:, p:] @ sizes) / sizes).max(axis=1)
                 done = now.waiting & ((remembered < _FORGOTTEN) | ~(remembered < 1e12))
                 now.waiting[done] = False
                 for place in np.flatnonzero(done.any(axis=1))[::-1].tolist():
-                    for number in np.flatnonzero(done[place] & (remembered[place] < 1.0)).tolist():
-                        self._finish(now, place, number, scale[number] * left[place], found[number])
+                    for which in np.flatnonzero(done[place] & (remembered[place] < 1.0)).tolist():
+                        self._finish(now, place, which, scale[which] * left[place], found[which])
                     if not now.waiting[place].any():
                         now = now.without(place)
         order = [*range(f), *range(f + k, m + k)]
@@ -269,32 +316,22 @@ class _Sums:
             left: (p + n, n) bound of the rows that are left and of their derivatives, times their reach.
             found: to write to.
         """
-        _, n, _, k, f = self.shape
-        i, b = int(now.place[place]), f + k
-        p, reach, grown = self.signals.shape[1], self.reach[i], self.chunk[number]
-        share = rounding(n + len(reach) + 4)
-
-        def wrong(value: Enclosure) -> FloatArray:
-            """By how much products with it are wrong in a chunk, per unit of the other factor."""
-            return np.asarray(grown * (value.rad + share * np.abs(value.mid)))
-
-        weight, turned = now.rows_sum[place, ..., number], now.turns_sum[place, ..., number]
-        slopes = np.tensordot(reach, wrong(self.slope[i]), axes=1)
-        q = weight @ (wrong(self.power[i]) + slopes) + turned @ wrong(self.power[i]) + left
+        _, _, _, k, f = self.shape
+        i, last = int(now.place[place]), number == len(self.chunk) - 1
+        b = f + k if last else f  # to starts for the last factor alone
+        p, grown = self.signals.shape[1], self.chunk[number]
+        weight, turned = now.rows_sum[place, number], now.turns_sum[place, number]
+        power = grown * self.wrong_power[i]
+        q = weight @ (power + grown * self.wrong_slope[i]) + turned @ power + left
         q[:p] += self.signals.rad[i]
-        off, kicks, others = (
-            value.reshape(n, -1, _CHUNK).sum(axis=2)
-            for value in (
-                wrong(self.moved[i]),
-                np.tensordot(reach, wrong(self.turned[i]), axes=1),
-                wrong(self.others[i]),
-            )
-        )
+        off, kicks, others = grown * self.off[i, :, :b], grown * self.kicks[i, :, :b], grown * self.off_others[i]
         plain, vertex = now.plain[place, ..., number], now.vertex[place, ..., number]
         own = now.bent[place, ..., number]
-        if number == len(self.chunk) - 1:
-            for sums, peaks in ((plain, now.peaks), (vertex, now.vertex_peaks), (own, now.bent_peaks)):
-                sums[..., f:] = peaks[place].max(axis=-1)
+        if last:
+            plain, vertex, own = (
+                np.concatenate([sums, peaks[place].reshape(*sums.shape[:-1], k, _CHUNK).max(axis=-1)], axis=-1)
+                for sums, peaks in ((plain, now.peaks), (vertex, now.vertex_peaks), (own, now.bent_peaks))
+            )
         added, bent = weight @ off, turned @ off + weight @ kicks
         vertex = vertex + added[:p] + bent[:p]
         plain = np.concatenate([plain + added, now.others[place, ..., number] + weight @ others], axis=1)
@@ -306,10 +343,8 @@ class _Sums:
         if bound is None:
             return
         rest = q[:p] @ bound
-        found[0][i] = (plain[:p] + rest) * UP + TINY
-        found[1][i] = (vertex + rest[:, :b]) * UP + TINY
-        if number < len(self.chunk) - 1:
-            found[0][i][:, f:b] = found[1][i][..., f:] = np.inf
+        sums, vertex = (plain[:p] + rest) * UP + TINY, (vertex + rest[:, :b]) * UP + TINY
+        found[0][i][:, :b], found[0][i][:, f + k :], found[1][i][..., :b] = sums[:, :b], sums[:, b:], vertex
 
     @staticmethod
     def _implied(summed: FloatArray, q: FloatArray) -> FloatArray | None:
@@ -321,12 +356,6 @@ class _Sums:
                 return bound
             bound = np.maximum(bound, following) * (1.0 + _SLACK)
         return None
-
-
-def _keep(peaks: FloatArray, values: FloatArray, weight: FloatArray) -> None:
-    """Keep the largest of sizes (..., columns, 16), which are overwritten, weighted by the period."""
-    values *= weight
-    np.maximum(peaks, values, out=peaks)
 
 
 def _flat(array: FloatArray, axes: int) -> FloatArray:

@@ -72,6 +72,7 @@ class Bounds:
         """
         self.cells = cells
         self._on_state, self._dynamics = cells.on_state.size, enclosed(cells.loop.body.system[0]).size
+        self._reach = self._on_state @ cells.growth
         believed = cells.loop.believed
         self._model = enclosed(believed.system[0]).size, enclosed(believed.system[1]).size
         self._model_growth = growth(believed, cells.period)
@@ -201,25 +202,30 @@ class Bounds:
         values[:, part["model"]] = curve * model_ripple * (A @ A @ self._model_growth @ B)
         return values * UP
 
-    def _between(self, values: FloatArray, leak: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return bounds of F (B, m) and e'' (B,) at all times, from those (B, rows) at ticks and of what acts between.
+    def _seen_between(self, values: FloatArray, leak: FloatArray) -> FloatArray:
+        """Return bounds of F (..., B, m) at all times, from those of signals at ticks and of what acts between.
 
         Args:
-            values: (B, rows) bounds of the signals at ticks.
+            values: (..., B, rows) bounds of the signals at ticks.
             leak: (B, x) by how much inputs within a period move x.
         """
-        cells, on_state = self.cells, self._on_state
-        x, m = cells.growth.shape[-1], on_state.shape[1]
-        reach, begin, bound, bend = on_state @ cells.growth, 5, np.zeros((len(values), m)), np.zeros(len(values))
-        for stretch in cells.stretches:
+        x, m = self.cells.growth.shape[-1], self._on_state.shape[1]
+        begin, bound = 5, np.zeros((*values.shape[:-1], m))
+        for stretch in self.cells.stretches:
             count = stretch.nodes.shape[-2]
-            slope = values[:, begin : begin + x]
-            nodes = values[:, begin + x : begin + x + count].reshape(len(values), -1, m)
-            bound = np.maximum(bound, nodes.max(axis=1) + stretch.radius[:, None] * _apply(reach, slope))
-            bend = np.maximum(bend, _apply(cells.growth, slope)[:, 1])
+            slope, nodes = values[..., begin : begin + x], values[..., begin + x : begin + x + count]
+            moved = stretch.radius[:, None] * _apply(self._reach, slope)
+            bound = np.maximum(bound, nodes.reshape(*values.shape[:-1], -1, m).max(axis=-2) + moved)
             begin += x + count
-        strayed = _apply(self._dynamics, leak)[:, 1]
-        return bound + _apply(on_state, leak), bend + strayed
+        return bound + _apply(self._on_state, leak)
+
+    def _bend_between(self, values: FloatArray, leak: FloatArray) -> FloatArray:
+        """Return bounds of e'' (B,) at all times; the arguments are those of `_seen_between`, (B, rows) and (B, x)."""
+        x, begin, bend = self.cells.growth.shape[-1], 5, np.zeros(len(values))
+        for stretch in self.cells.stretches:
+            bend = np.maximum(bend, _apply(self.cells.growth, values[:, begin : begin + x])[:, 1])
+            begin += x + stretch.nodes.shape[-2]
+        return np.asarray(bend + _apply(self._dynamics, leak)[:, 1])
 
     def _late_pose(self, values: FloatArray, leak: FloatArray, jolt: FloatArray, drives: Drives) -> FloatArray:
         """Return bounds (B,) of what poses of another age than the loop's add to innovations, m.
@@ -294,16 +300,15 @@ class Bounds:
             plain = signals + sums[..., changes] * change[:, None] + sums[..., noise] * late_pose[:, None] + rest
             leak = last * (h * (drive + drives.drive) + late * cells.port_gain * difference)[:, None]
             leak = leak + cells.growth[..., 1] * (h * (h * drives.rate + push))[:, None]
-            left, _ = self._between(rest, leak)
-            seen = self._between(plain, leak)[0]
+            left, seen = self._seen_between(np.stack([rest, plain]), leak)
             changing = (self._changing * seen).sum(axis=1) + _NEAREST * (moved * seen).sum(axis=1)
             wider = rest[:, 4] + (cells.port_gain_error / cells.port_gain + _NEAREST) * difference
             further = np.stack([(steady * left).sum(axis=1) + changing, wider, difference, push], 1)
             second = _apply(effects, further) + always
             first = at_vertices + first_change * change[:, None, None] + first_noise * late_pose[:, None, None]
             whole = np.minimum(plain, first.max(axis=1) + second)
-            seen, bend = self._between(whole, leak)
-            bend = bend + h * drives.rate + push
+            seen = self._seen_between(whole, leak)
+            bend = self._bend_between(whole, leak) + h * drives.rate + push
             jolt = E * push[:, None]
             jolt[:, -1] += drive + drives.drive + np.where(late > 0.0, cells.port_gain * difference, 0.0)
             pose = self._late_pose(whole, leak, jolt, drives) if drives.other_age > 0.0 else np.zeros(count)
@@ -326,7 +331,7 @@ class Bounds:
 
 
 def _apply(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
-    """Return products (B, i) of matrices (B, i, j) and vectors (B, j)."""
+    """Return products (..., B, i) of matrices (B, i, j) and vectors (..., B, j)."""
     return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
