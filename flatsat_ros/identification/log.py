@@ -141,7 +141,7 @@ def _log(name: str, lines: Sequence[str], header: Sequence[str], known: ColumnMa
     time = column["time"]
     finite = np.isfinite(time)
     if not finite.any():
-        raise FlatsatError("it has no row of numbers")
+        raise FlatsatError("it has no row of numbers: must have 5 s of flight below its header")
     column = {quantity: values[finite] for quantity, values in column.items()}
     time = column["time"] - column["time"][0]
     angles = [column[each] for each in ("roll", "pitch", "yaw")] if "roll" in column else None

@@ -130,7 +130,7 @@ def screen(log: FlightLog) -> Samples:
 
     if bad.all() or not np.ptp(command[~bad, 2]) > 0.0:
         raise FlatsatError(
-            f"{log.name}: the commanded thrust never changes: the commands of this flight were not logged"
+            f"{log.name}: the commanded thrust never changes: the commands of this flight were not logged, must be"
         )
     begin, end = max(time[0], sent[0]), min(time[-1], sent[-1])
     if not end - begin <= LONGEST:

@@ -44,9 +44,9 @@ def test_lines_that_are_no_rows_are_counted_and_become_nan(logs: list[FlightLog]
     [
         ("", "are none of a known form"),
         ("t,x,y\n1,2,3\n", "are none of a known form"),
-        ("{header}\n", "has no row of numbers"),
+        ("{header}\n", "has no row of numbers: must have 5 s of flight below its header"),
         ("{header}\n{row}\n", "it has 1 poses: must have at least 2"),
-        ("{header}\nx\n", "has no row of numbers"),
+        ("{header}\nx\n", "has no row of numbers: must have 5 s of flight below its header"),
     ],
 )
 def test_files_that_are_no_logs_are_refused(text: str, complaint: str, tmp_path: Path) -> None:
