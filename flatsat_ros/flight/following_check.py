@@ -8,6 +8,8 @@ from flatsat_ros.base.arrays import FloatArray, any_of
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.flight.detectors import BobbingDetector, TiltLimitDetector
 
+# gusts move a drone so far, m, in turns, however stiff its law is: what is corrected nearer to the reference swings not
+_BLOWN_ABOUT = 0.075
 _BLOWN = "at the limit of its tilt and {0:.1f} m off its reference, no nearer for seconds: wind? It lands where it is"
 _SWINGS = "it swings from one side to the other: do poses or commands come too late?"
 _AGAINST = "at the limit of its tilt it goes another way than it is told to: is its yaw what yaw_source assumes?"
@@ -30,7 +32,8 @@ class FollowingCheck:
             count: N.
         """
         limits, flight = certificate.limits, certificate.flight
-        self._tubes = None if flight is None else [axis.tube.position for axis in flight.axes]  # m
+        # m, horizontal and vertical
+        self._near = None if flight is None else [max(axis.tube.position, _BLOWN_ABOUT) for axis in flight.axes]
         self._drag = drag
         self._limit = TiltLimitDetector(count, limits.tilt_max, limits.gravity)
         self._bobbing = BobbingDetector(count)
@@ -72,9 +75,9 @@ class FollowingCheck:
             told: (N,) of whom it has been told that they go astray.
         """
         correction = acceleration - base[:, 6:]
-        if self._tubes is not None:  # what a stiff law corrects inside its tube is no swinging
-            sides = np.hypot(error[:, 0], error[:, 1]) > self._tubes[0]
-            correction = correction * np.stack([sides, sides, np.abs(error[:, 2]) > self._tubes[1]], axis=1)
+        if self._near is not None:  # what a stiff law corrects inside its tube is no swinging
+            sides = np.hypot(error[:, 0], error[:, 1]) > self._near[0]
+            correction = correction * np.stack([sides, sides, np.abs(error[:, 2]) > self._near[1]], axis=1)
         # without what its own motion through still air makes of it
         push = disturbance[:, :2] + self._drag * (error[:, 3:5] + base[:, 3:5])
         blown, swinging, opposed = self._limit.look(

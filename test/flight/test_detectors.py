@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.flight.astray import AstrayDetector
 from flatsat_ros.flight.detectors import BobbingDetector, LiftOffDetector, TiltLimitDetector, TouchDownDetector
+from flatsat_ros.flight.following_check import FollowingCheck
 
 LOOK = 0.05  # s between two looks
 LATE = 0.15  # s
@@ -186,6 +188,24 @@ def test_a_drone_that_is_sent_up_and_down_bobs(half: float, height: float, first
     assert not bobs(4.0 * half + 2.0, height, ON, 30.0), "slowly"
     assert not bobs(half, 0.6, ON, 10.0), "a little"
     assert not bobs(half, height, OFF, 10.0)
+
+
+@pytest.mark.parametrize("name", ["thrust_kit_tight_50hz", "cf21_adaptive_50hz"])
+@given(half=st.floats(0.3, 0.5), first=st.sampled_from([-1.0, 1.0]), push=st.floats(1.0, 4.0))
+@settings(max_examples=8)
+def test_a_drone_that_gusts_move_up_and_down_by_centimetres_does_not_swing(
+    name: str, half: float, first: float, push: float
+) -> None:
+    flight = load_certificate(name).flight
+    assert flight is not None
+    for size, swings in ((0.07, False), (1.01 * max(0.075, flight.vertical.tube.position), True)):
+        check, base, found = FollowingCheck(load_certificate(name), 0.3, 1), np.zeros((1, 9)), False
+        for n in range(round(4.0 / LOOK)):
+            error, command = np.zeros((1, 6)), np.zeros((1, 3))
+            error[0, 2] = first * size * np.sign(math.sin(math.pi * (n + 0.5) * LOOK / half))
+            command[0, 2] = -push * np.sign(error[0, 2])
+            found |= bool(check.look(n * LOOK, command, base, np.zeros((1, 3)), error, ON, OFF, None, OFF)[1][0])
+        assert found is swings
 
 
 @given(ratio=st.floats(-3.0, 3.0))
