@@ -123,8 +123,8 @@ ACCEPTED: tuple[Accepted, ...] = (
         _ALL,
         Bounds(End.SAFE, impact=2.0, speed=1.0, again=True),
         "Commands so much later than the certificate allows for make it swing up and down until it is told to sink, at "
-        "the speed that it has by then: it meets the floor with up to 1.1 m/s. With `cf21_50hz` it is 2.7 m/s, which is not "
-        "accepted.",
+        "the speed that it has by then: it meets the floor with up to 1.1 m/s. With `cf21_50hz` it is 2.7 m/s: "
+        "not accepted.",
         _LATE,
     ),
 )
