@@ -22,7 +22,6 @@ from cflib.crtp.crtpstack import CRTPPacket
 from geometry_msgs.msg import Twist
 from hypothesis import strategies as st
 
-from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.nodes.cflib_bridge import CflibBridge
 from flatsat_ros.nodes.cflib_link import (
@@ -39,7 +38,7 @@ from flatsat_ros.nodes.ros import messages
 from fuzzing.cdr import poses
 from fuzzing.damage import FLOATS
 from fuzzing.kind import Attempt, Kind
-from fuzzing.nodes import arguments, own_context, silenced
+from fuzzing.nodes import arguments, own_context, refusals, silenced
 from fuzzing.sequence import Item, decoded, sequences
 
 _LOG, _LOG_DATA = 5, 2
@@ -198,14 +197,7 @@ def _open_topics(folder: Path) -> Iterator[Attempt]:
     with _bridge(folder) as node:
         (link,) = node.links
         commands = {s.topic_name.rpartition("/")[2]: s.callback for s in node.subscriptions}
-        refused: list[str] = []
-
-        def note(name: str, error: Exception) -> None:
-            if not isinstance(error, FlatsatError):
-                raise error
-            refused.append(name)
-
-        node.faults.note = note  # type: ignore[method-assign]
+        refused = refusals(node)
         cf, driver = _connected(link)
 
         def attempt(data: bytes) -> bool:

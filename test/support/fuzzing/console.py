@@ -20,7 +20,7 @@ from flatsat_ros.nodes.ros import interfaces
 from fuzzing.cdr import poses
 from fuzzing.damage import TOKENS, corrupted
 from fuzzing.kind import Attempt, Kind, require_one_line
-from fuzzing.nodes import arguments, own_context, silenced
+from fuzzing.nodes import arguments, own_context, refusals, silenced
 from fuzzing.sequence import Item, decoded, sequences
 
 _COMMAND, _SETUP, _POSE, _SHOW = range(4)
@@ -74,15 +74,7 @@ def _open(_: Path) -> Iterator[Attempt]:
     with own_context():
         rclpy.init(args=arguments("console", "console", "port:=0"))
         node = _AtOnce()
-    refused: list[str] = []
-
-    def note(name: str, error: Exception) -> None:
-        if not isinstance(error, FlatsatError):
-            raise error
-        require_one_line(error)
-        refused.append(name)
-
-    node.faults.note = note  # type: ignore[method-assign]
+    refused = refusals(node)
     seen: list[bytes] = []
     node._stream.publish = seen.append  # type: ignore[method-assign]
 

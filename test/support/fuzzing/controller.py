@@ -23,7 +23,6 @@ from room import EPOCH, Room, pose
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool
 
-from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.stamps import StampClock
@@ -33,7 +32,7 @@ from flatsat_ros.nodes.ros.messages import NANOSECONDS
 from fuzzing.cdr import poses, trajectories
 from fuzzing.damage import FLOATS
 from fuzzing.kind import Attempt, Kind
-from fuzzing.nodes import own_context, silenced
+from fuzzing.nodes import own_context, refusals, silenced
 from fuzzing.sequence import Item, decoded, sequences
 
 _TOPICS = ("pose", "goal_pose", "trajectory")
@@ -134,17 +133,10 @@ class _Attacked:
         limits = node._certificate.limits
         self._wires = [_Recorded(limits.tilt_max, vehicle.pwm_max) for vehicle in node._setup.vehicles]
         node._commands._publishers = self._wires  # type: ignore[assignment]
-        node.faults.note = self._note  # type: ignore[method-assign]
+        self._refused = refusals(node)
         self._pilot = pickle.dumps(vars(node._pilot))
         resort = {name: value for name, value in vars(node._commands.last_resort).items() if name != "_clock"}
         self._last_resort, self._parameters = pickle.dumps(resort), dict(node._parameters)
-        self._refused = 0
-
-    def _note(self, name: str, error: Exception) -> None:
-        """In place of the log: what is no refusal goes on."""
-        if not isinstance(error, FlatsatError):
-            raise error
-        self._refused += 1
 
     def attempt(self, data: bytes) -> bool:
         """Deliver the messages of an input, a tick after each."""
@@ -169,7 +161,8 @@ class _Attacked:
         vars(node._pilot).update(pickle.loads(self._pilot))
         vars(node._commands.last_resort).update(pickle.loads(self._last_resort))
         node._parameters = dict(self._parameters)
-        room._ticks, node._broken, self._refused = self._ticks, False, 0
+        room._ticks, node._broken = self._ticks, False
+        self._refused.clear()
         node._durations.clear()
         for queue, wire in zip(node._sources.queues, self._wires, strict=True):
             queue.clear()
@@ -204,7 +197,7 @@ class _Attacked:
                 answer = self.room.ask("cf1/flatsat/arm", SetBool, data=name == "arm")
             else:
                 answer = self.room.ask(f"cf1/flatsat/{name}")
-            self._refused += not answer.success
+            self._refused += [] if answer.success else [name]
             assert "error of the program" not in answer.message
         elif code == _STATUS:
             (volts,) = struct.unpack("<f", content[:4].ljust(4, b"\0"))
@@ -219,7 +212,7 @@ class _Attacked:
             sources._current[0] = usual
         elif code == _PARAMETER:
             (result,) = self.room.node.set_parameters([_parameter(content)])
-            self._refused += not result.successful
+            self._refused += [] if result.successful else ["parameter"]
 
 
 @contextmanager

@@ -9,7 +9,9 @@ from unittest import mock
 import rclpy
 from rclpy.logging import LoggingSeverity
 
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.nodes.ros.runtime import ProgramNode
+from fuzzing.kind import require_one_line
 
 
 def arguments(program: str, namespace: str, *parameters: str) -> list[str]:
@@ -26,6 +28,20 @@ def own_context(context: rclpy.Context | None = None) -> Iterator[None]:
     """
     with mock.patch("rclpy.utilities.g_default_context", context or rclpy.Context()):
         yield
+
+
+def refusals(node: ProgramNode) -> list[str]:
+    """Let a node's refusals, each in one line, go into a list in place of the log; any other error goes on."""
+    refused: list[str] = []
+
+    def note(name: str, error: Exception) -> None:
+        if not isinstance(error, FlatsatError):
+            raise error
+        require_one_line(error)
+        refused.append(name)
+
+    vars(node.faults)["note"] = note
+    return refused
 
 
 @contextmanager

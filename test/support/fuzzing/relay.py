@@ -12,13 +12,12 @@ from geometry_msgs.msg import PoseStamped, Twist
 from hypothesis import strategies as st
 from rclpy.parameter import Parameter
 
-from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.nodes.fault_relay import COMMAND_FAULTS, POSE_FAULTS, FaultRelay
 from flatsat_ros.nodes.ros import messages
 from fuzzing.damage import FLOATS
 from fuzzing.kind import Attempt, Kind
-from fuzzing.nodes import arguments, own_context, silenced
+from fuzzing.nodes import arguments, own_context, refusals, silenced
 from fuzzing.sequence import Item, decoded, sequences
 
 _POSE, _COMMAND, _FAULT = range(3)
@@ -44,14 +43,7 @@ def _open(_: Path) -> Iterator[Attempt]:
         rclpy.init(args=arguments("fault_relay", "relay", "robot_names:=[cf1, cf2]"))
         node = FaultRelay()
     callbacks = {s.topic_name.rpartition("/")[2]: s.callback for s in node.subscriptions if "cf1" in s.topic_name}
-    refused: list[str] = []
-
-    def note(name: str, error: Exception) -> None:
-        if not isinstance(error, FlatsatError):
-            raise error
-        refused.append(name)
-
-    node.faults.note = note  # type: ignore[method-assign]
+    refused = refusals(node)
 
     def deliver(code: int, content: bytes) -> None:
         *values, sec, nanosec = struct.unpack("<7diI", content[:64].ljust(64, b"\0"))

@@ -21,7 +21,6 @@ from hypothesis import strategies as st
 from std_srvs.srv import Empty, SetBool, Trigger
 
 from flatsat_ros.base.constants import GRAVITY
-from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.nodes.ros import interfaces, messages
@@ -31,7 +30,7 @@ from flatsat_ros.nodes.sim_drone import SimDrone
 from flatsat_ros.sim.fleet import SimulatedFleet
 from fuzzing.damage import FLOATS
 from fuzzing.kind import Attempt, Kind
-from fuzzing.nodes import arguments, own_context, silenced
+from fuzzing.nodes import arguments, own_context, refusals, silenced
 from fuzzing.sequence import Item, decoded, sequences
 
 EPOCH = 1_700_000_000 * NANOSECONDS
@@ -65,7 +64,7 @@ class _Simulated:
         node.get_clock = lambda: SimpleNamespace(  # type: ignore[method-assign, assignment, return-value]
             now=lambda: SimpleNamespace(nanoseconds=self._now)
         )
-        node.faults.note = self._note  # type: ignore[method-assign]
+        self._refused = refusals(node)
         ((self._fleet, _),) = node._fleets
         vehicle = load_vehicle("cf21")
         self._hover = float(vehicle.pwm_from_thrust(GRAVITY))
@@ -73,17 +72,12 @@ class _Simulated:
         self._flying = pickle.dumps(vars(SimulatedFleet(vehicle, 2, start=start, flying=True)))
         self._callbacks = {s.topic_name: s.callback for s in node.subscriptions}
         self._services = {s.srv_name: s.callback for s in node.services}
-        self._refused = 0
-
-    def _note(self, name: str, error: Exception) -> None:
-        if not isinstance(error, FlatsatError):
-            raise error
-        self._refused += 1
 
     def attempt(self, data: bytes) -> bool:
         """Deliver the messages of an input, some time after each."""
         vars(self._fleet).update(pickle.loads(self._flying))
-        self._now, self._refused = EPOCH, 0
+        self._now = EPOCH
+        self._refused.clear()
         self.node._seen = self.node._epoch = self.node._started = EPOCH
         items = decoded(data)
         for code, content in items:
