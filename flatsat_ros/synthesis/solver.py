@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from importlib.metadata import version
+from typing import Any
 
 import cvxpy as cp
 
@@ -33,3 +35,22 @@ def solve(name: str, problem: cp.Problem) -> None:
 def solver_name() -> str:
     """Return the solver and its version, for the provenance."""
     return f"Clarabel {version('clarabel')} with cvxpy {version('cvxpy')}"
+
+
+def agreement(differences: Mapping[str, float], tolerance: float) -> dict[str, Any]:
+    """Return what a certificate's provenance says of the solver, which found what the closed form says.
+
+    Args:
+        differences: relative, between the two, by the name of the quantity.
+        tolerance: the largest that may be.
+
+    Raises:
+        FlatsatError: one is larger, or not a number.
+    """
+    for quantity, difference in differences.items():
+        if not difference <= tolerance:
+            raise FlatsatError(
+                f"closed form and semidefinite program differ in {quantity} by {difference:.3g} (relative): "
+                f"must agree to {tolerance}"
+            )
+    return {"status": "optimal", "relative_tolerance": tolerance}
