@@ -18,7 +18,7 @@ import numpy as np
 import flatsat_ros
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
-from flatsat_ros.base.errors import FlatsatError, require, require_number, require_positive
+from flatsat_ros.base.errors import require, require_number, require_positive
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.lowered import lowered
 from flatsat_ros.certificate.lyapunov import closed_form_block, hold_gain_interval
