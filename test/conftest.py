@@ -6,7 +6,7 @@ import functools
 import os
 import re
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -19,6 +19,8 @@ TEST = Path(__file__).resolve().parent
 # files whose tests share what takes long to compute
 SHARING = ("test/paper/test_reproduction.py",)
 
+# niceness of workers whose tests have time
+BEHIND = 10
 
 _domain, _domain_claim = claim_ros_domain()
 _logs = tempfile.TemporaryDirectory(prefix="flatsat_ros-log-", ignore_cleanup_errors=True)
@@ -42,19 +44,36 @@ class _Groups(LoadScopeScheduling):  # type: ignore[misc]
     """
 
     def _split_scope(self, nodeid: str) -> str:
-        file = nodeid.partition("::")[0]
-        if file in SHARING:
-            return file
-        if not file.startswith(("test/nodes/", "test/cli/")):
-            return nodeid
-        marks = _marks(file)
-        return nodeid if "in_process" in marks else file if "beside_flights" in marks else "flights"
+        return _group(nodeid)
+
+
+def _group(nodeid: str) -> str:
+    """Return the name of a test's group; its own where any worker may run it at any time."""
+    file = nodeid.partition("::")[0]
+    if file in SHARING:
+        return file
+    if not file.startswith(("test/nodes/", "test/cli/")):
+        return nodeid
+    marks = _marks(file)
+    return nodeid if "in_process" in marks else file if "beside_flights" in marks else "flights"
 
 
 @functools.cache
 def _marks(file: str) -> set[str]:
     """Which marks all tests of a file have."""
     return set(re.findall(r"^pytestmark = pytest\.mark\.(\w+)", (TEST.parent / file).read_text(encoding="utf-8"), re.M))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_xdist_auto_num_workers() -> Generator[None, int, int]:
+    """Take one worker more than there are cores: one waits for flights, whose processes take a third of a core."""
+    return (yield) + 1
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Let a worker step back behind flights once it has come to tests that stand alone: they are given out last."""
+    if hasattr(item.config, "workerinput") and _group(item.nodeid) == item.nodeid and os.nice(0) < BEHIND:
+        os.nice(BEHIND)
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> _Groups:

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pytest
 
 from flatsat_ros.nodes.ros import interfaces
 
@@ -13,6 +14,8 @@ if TYPE_CHECKING:
     from conftest import Lab
 
     Column = Any
+
+pytestmark = pytest.mark.beside_flights
 
 V_INF = 1e-3
 
