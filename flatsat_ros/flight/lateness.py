@@ -35,11 +35,12 @@ if TYPE_CHECKING:
 # what is looked at, s, and how often
 _WINDOW, _EVERY = 10.0, 0.5
 # so many parts of it must have shown something: answers to the reference of so much together, m^2
-_PARTS, _SHOWN = 6, 1e-6
+_PARTS, _SHOWN = 8, 1e-6
 # standard deviations of the fit by which it must be outside before that is believed
 _SURE = 2.5
-# a fit that is less sure than this share of the interval says nothing
-_LOOSE = 1.0 / 3.0
+# a fit that is less sure than this share of the interval says nothing: in gusts that change faster than is assumed a few
+# parts are all wrong alike, and look surer than they are
+_LOOSE = 0.2
 # how much drag, 1/s, there may be where the certificate counts all of it among the disturbances
 _DRAG = 0.6
 _TINY = 1e-9  # m^2: who moves no more tells nothing

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.base.strict_yaml import read_yaml
 from flatsat_ros.certificate.certificate import Certificate
@@ -19,22 +20,43 @@ FLYING = Certificate.from_document(read_yaml(config_path("cf21_tight_50hz"))).fl
 PERIOD = 0.02
 
 
-def looks(late: float, noise: float, seed: int, fed: float = 0.0) -> Iterator[Seen]:
+def swaying(t: float) -> tuple[FloatArray, FloatArray]:
+    """Return acceleration, m/s^2, and velocity, m/s, of a drone that sways in x and in y."""
+    acceleration = np.array([0.8 * np.sin(1.5 * t), 0.6 * np.cos(1.1 * t)])
+    return acceleration, np.array([0.8 / 1.5 * -np.cos(1.5 * t), 0.6 / 1.1 * np.sin(1.1 * t)])
+
+
+def to_and_fro(t: float) -> tuple[FloatArray, FloatArray]:
+    """Return acceleration, m/s^2, and velocity, m/s, of a drone that goes 0.9 m and back, 3.9 s each, and rests 0.6 s."""
+    part = (t % 4.5) / 3.9
+    way = 0.9 * (-1.0 if t % 9.0 >= 4.5 else 1.0) * (part < 1.0) * np.array([1.0, 0.0])
+    rate = 60.0 * part - 180.0 * part**2 + 120.0 * part**3
+    return way * rate / 3.9**2, way * (30.0 * part**2 - 60.0 * part**3 + 30.0 * part**4) / 3.9
+
+
+def looks(
+    late: float,
+    noise: float,
+    seed: int,
+    fed: float = 0.0,
+    gust: float = 0.0,
+    motion: Callable[[float], tuple[FloatArray, FloatArray]] = swaying,
+) -> Iterator[Seen]:
     """Yield 6 s of a motion in which one drone is late, and another one stands still.
 
-    Commands answer to innovations by `fed` 1/s^2, as those of a law do that believes them.
+    Commands answer to innovations by `fed` 1/s^2, as those of a law do that believes them. Gusts push the late drone by
+    an acceleration with the standard deviation `gust`, m/s^2, and a correlation time of 1 s.
     """
     assert FLYING is not None
     random = np.random.default_rng(seed)
     h, observer = PERIOD, np.array(FLYING.horizontal.design.observer)
     F = np.array([[1.0, h, h * h / 2.0], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
     error = np.zeros((3, 2))  # of position, velocity and disturbance, in x and in y
-    believed = np.zeros((2, 2))
+    believed, push, kept = np.zeros((2, 2)), gust * random.standard_normal(2), np.exp(-h)
     for tick in range(300):
         t = tick * h
-        acceleration = np.array([0.8 * np.sin(1.5 * t), 0.6 * np.cos(1.1 * t)])
+        acceleration, velocity = motion(t)
         innovation = error[0] + noise * random.standard_normal(2)
-        velocity = np.array([0.8 / 1.5 * -np.cos(1.5 * t), 0.6 / 1.1 * np.sin(1.1 * t)])
         shown = np.zeros((4, 2, 9))  # of both drones
         shown[0, :, :2], shown[0, 1, :2] = innovation, noise * random.standard_normal(2)
         believed = 0.9 * believed + shown[0, :, :2]
@@ -43,10 +65,10 @@ def looks(late: float, noise: float, seed: int, fed: float = 0.0) -> Iterator[Se
         rows, none = np.zeros((2, 3)), np.zeros(2)
         yield Seen(shown[3, :, :6], shown[2], none, shown[0, :, :3], rows, none, rows, shown[1, :, :3])
         # the late drone has the acceleration of some time ago
-        ago = np.array([0.8 * np.sin(1.5 * (t + h / 2 - late)), 0.6 * np.cos(1.1 * (t + h / 2 - late))])
-        now = np.array([0.8 * np.sin(1.5 * (t + h / 2)), 0.6 * np.cos(1.1 * (t + h / 2))])
-        error = F @ (error - np.outer(observer, innovation))
-        error += np.outer([h * h / 2.0, h, 0.0], ago - now)
+        off = motion(t + h / 2 - late)[0] - motion(t + h / 2)[0] + push
+        error = F @ (error - np.outer(observer, innovation)) + np.outer([h * h / 2.0, h, 0.0], off)
+        if gust:
+            push = kept * push + gust * np.sqrt(1.0 - kept * kept) * random.standard_normal(2)
 
 
 def seen(late: float, noise: float, seed: int, fed: float = 0.0) -> Lateness:
@@ -87,6 +109,24 @@ def test_noise_that_the_commands_answer_to_makes_nobody_early() -> None:
         found = seen(0.0, 5e-4, seed, fed=12.0)
         assert found.excess.max() <= 0.2 * found.bound
     assert seen(0.12, 5e-4, 0, fed=12.0).excess[0] > 0.095
+
+
+def first_told(late: float, seed: int, gust: float) -> float:
+    """Return when, s, a drone that goes to and fro is told to be late or early; inf: never."""
+    assert FLYING is not None
+    lateness = Lateness(FLYING.horizontal, 2)
+    for number, look in enumerate(looks(late, 1e-4, seed, gust=gust, motion=to_and_fro), 1):
+        lateness.note(look, np.array([True, True]))
+        if lateness.excess[0] > lateness.bound:
+            return number * PERIOD
+    return np.inf
+
+
+def test_gusts_that_change_faster_than_is_assumed_make_nobody_late_and_who_is_late_in_still_air_is_told_soon() -> None:
+    for seed in range(16, 36):
+        assert first_told(0.03, seed, 0.05) == np.inf, seed
+    for late in (0.045, 0.055, -0.05):
+        assert first_told(late, 0, 0.0) <= 5.0
 
 
 @given(begin=st.integers(1, 100), length=st.integers(1, 60))
