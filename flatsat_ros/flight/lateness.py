@@ -38,8 +38,8 @@ _WINDOW, _EVERY = 10.0, 0.5
 _PARTS, _SHOWN = 8, 1e-6
 # standard deviations of the fit by which it must be outside before that is believed
 _SURE = 2.5
-# a fit that is less sure than this share of the interval says nothing: in gusts that change faster than is assumed a few
-# parts are all wrong alike, and look surer than they are
+# a fit that is less sure than this share of half of the interval says nothing: in gusts that change faster than is
+# assumed a few parts are all wrong alike, and look surer than they are
 _LOOSE = 0.2
 # how much drag, 1/s, there may be where the certificate counts all of it among the disturbances
 _DRAG = 0.6

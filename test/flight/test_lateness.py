@@ -27,7 +27,7 @@ def swaying(t: float) -> tuple[FloatArray, FloatArray]:
 
 
 def to_and_fro(t: float) -> tuple[FloatArray, FloatArray]:
-    """Return acceleration, m/s^2, and velocity, m/s, of a drone that goes 0.9 m and back, 3.9 s each, and rests 0.6 s."""
+    """Return acceleration, m/s^2, and velocity, m/s, of a drone that goes 0.9 m, rests and goes back, 4.5 s each."""
     part = (t % 4.5) / 3.9
     way = 0.9 * (-1.0 if t % 9.0 >= 4.5 else 1.0) * (part < 1.0) * np.array([1.0, 0.0])
     rate = 60.0 * part - 180.0 * part**2 + 120.0 * part**3
