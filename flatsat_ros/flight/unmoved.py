@@ -3,7 +3,9 @@
 The reference leads a drone to another height, but its height stays within a little, while what was commanded beyond the
 disturbance that was known should have led it far towards the reference. Motion capture repeats an old value, or tracks
 another body, or something holds the drone. Gusts, which commands counter while nothing moves, take no reference away:
-one that has rested for a while leads nobody anywhere, however far gusts have blown a drone that is flown softly.
+one that has rested for a while leads nobody anywhere, however far gusts have blown a drone that is flown softly. Nor is
+one that moves enough where the air is rough, which is seen sideways: a gust may hold a drone against its command for a
+while, so that it must have been led much farther there.
 Along the horizontal a wrong body is noticed by motion that does not follow the commands, see `flight.astray`.
 """
 
@@ -20,9 +22,11 @@ _WINDOW = 0.8
 _AWAY = 0.1
 # and has moved by the first, m, within the second, s,
 _MOVED, _RESTED = 0.05, 3.0
-# in which it should have changed by so much, m, the second if the thrust is not known yet; from another change, m, on
-# nothing is learnt from it
+# in which it should have changed by so much, m, the second if the thrust is not known yet or the air is rough; from
+# another change, m, on nothing is learnt from it
 _WAY = 0.12, 0.4
+# The air is rough if within so long, s, what disturbs sideways was so far, m/s^2, from its mean over as long.
+_ROUGH, _ROUGH_TIME = 0.35, 3.0
 DOUBTFUL = 0.015
 
 
@@ -46,6 +50,7 @@ class UnmovedDetector:
         self._height, self._speed, self._balance = np.zeros((3, count))  # m and m/s^2 at first; m/s by now
         self._past = np.zeros((2, count))  # way, m, and speed, m/s, in the look before, if it stood still all the time
         self._wanted, self._rested = np.full(count, np.inf), np.zeros(count)  # m, and s for which it has been that
+        self._wind, self._gust = np.zeros((count, 2)), np.zeros(count)  # m/s^2: mean, and how far from it
         self.way = np.zeros(count)
 
     def look(
@@ -78,6 +83,10 @@ class UnmovedDetector:
             self._balance[anew] = estimated[anew, 8]
             self._lasted[anew] = self.way[anew] = 0.0
         self._push[:] = 0.0
+        share = self._period / _ROUGH_TIME
+        off = estimated[:, 6:8] - self._wind
+        self._wind += share * off
+        self._gust = np.maximum((1.0 - share) * self._gust, np.hypot(off[:, 0], off[:, 1]))
         self._rested += self._period
         wanted = estimated[:, 2] - error
         moved = np.abs(wanted - self._wanted) > _MOVED
@@ -87,7 +96,8 @@ class UnmovedDetector:
         if not any_of(away):
             return self._nobody
         away &= self._rested < _RESTED
-        return np.asarray(away & (-np.sign(error) * self.way >= np.where(settled, *_WAY)))
+        known = settled & (self._gust < _ROUGH)
+        return np.asarray(away & (-np.sign(error) * self.way >= np.where(known, *_WAY)))
 
     def climb(self, index: int) -> tuple[float, float]:
         """Return how far, m, and how fast, m/s, drone index should have climbed since its height stands still."""

@@ -23,12 +23,18 @@ COMMANDS = st.lists(st.floats(-3.0, 3.0), min_size=10, max_size=60)
 
 
 def first_alarm(
-    heights: np.ndarray, climbs: np.ndarray, commands: np.ndarray, reference: np.ndarray, balance: float = 0.0
+    heights: np.ndarray,
+    climbs: np.ndarray,
+    commands: np.ndarray,
+    reference: np.ndarray,
+    balance: float = 0.0,
+    gust: float = 0.0,
 ) -> int:
-    """The look at which a height is found to stand still, -1 for never; one value a look each."""
+    """The look at which a height is found to stand still, -1 for never; one value a look each; gusts come sideways."""
     detector = UnmovedDetector(1, PERIOD)
     for look, (height, climb, command, wanted) in enumerate(zip(heights, climbs, commands, reference, strict=True)):
-        estimated = np.array([[0.0, 0.0, height, 0.0, 0.0, climb, 0.0, 0.0, balance]])
+        sideways = gust * math.sin(2.0 * math.pi * PERIOD * look / 2.0)  # m/s^2
+        estimated = np.array([[0.0, 0.0, height, 0.0, 0.0, climb, sideways, 0.0, balance]])
         error = np.array([height - wanted])
         if detector.look(estimated, np.array([PERIOD * command]), error, ON, ON)[0]:
             return look
@@ -76,6 +82,18 @@ def test_a_still_height_is_found_within_the_way_that_the_drone_may_go(strength: 
     assert found > 0
     true = PERIOD * np.cumsum(PERIOD * np.cumsum(ramp))
     assert 0.1 < abs(true[found]) < 0.8
+
+
+@given(strength=st.floats(0.6, 0.85), sign=st.sampled_from([-1.0, 1.0]), seed=st.integers(0, 99))
+@settings(max_examples=20)
+def test_where_the_air_is_rough_a_gust_may_hold_a_height_for_a_while(strength: float, sign: float, seed: int) -> None:
+    calm, still = np.zeros(40), 1.0 + noise(100, seed)
+    ramp = sign * strength * np.r_[calm, np.minimum(PERIOD * np.arange(1.0, 61.0), 1.0)]  # m/s^2
+    away = 1.0 + sign * 0.3 * PERIOD * np.arange(100)
+    early, late = (first_alarm(still, 0.0 * still, ramp, away, gust=gust) for gust in (0.1, 0.8))
+    assert early > 40
+    assert late == -1
+    assert first_alarm(still, 0.0 * still, 3.0 * ramp, away, gust=0.8) > 0, "but not against any command"
 
 
 @given(commands=COMMANDS, seed=st.integers(0, 99))

@@ -113,6 +113,11 @@ def test_what_the_controller_does_not_know_is_refused(
     assert f"parameter {name}: not known here; the nearest is {nearest}" in capsys.readouterr().err
 
 
+def test_a_parameter_that_lost_its_meaning_is_refused_with_its_successor(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(ControllerNode, given(ground_height=0.15)) == 2
+    assert "error: parameter ground_height: there is none any more; give floor" in capsys.readouterr().err
+
+
 def test_in_a_file_for_several_nodes_what_belongs_to_others_does_not_disturb(
     started: Callable[..., Any], tmp_path: Path
 ) -> None:

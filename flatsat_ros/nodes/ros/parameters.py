@@ -23,6 +23,8 @@ E = TypeVar("E", bound=Enum)
 _PREFIXES = ("robots", "robot_types")
 # how much two names must have in common, 0 to 1, for one to be taken for a misspelling of the other, or to be shown
 _NEAR, _FAR = 0.75, 0.4
+# parameters that there were, and what is to be given in their place
+_SUCCESSORS = {"ground_height": "floor"}
 # what `ros2 param dump` writes for a parameter that is unset, as ROS reads it
 _UNSET = "null"
 
@@ -168,13 +170,15 @@ def require_known_parameters(node: Node) -> None:
     name that is neither below one of our prefixes nor near that of a parameter is told and ignored.
 
     Raises:
-        FlatsatError: names the parameter and the nearest that is known.
+        FlatsatError: names the parameter and its successor, or the nearest that is known.
     """
     # with the letters as they should be; a typing error in these is found, too
     known = {name.lower(): name for name in node._parameters}
     for name in node._parameter_overrides:  # rclpy shows given but undeclared parameters nowhere else
         if node.has_parameter(name):
             continue
+        if name in _SUCCESSORS and node.has_parameter(_SUCCESSORS[name]):
+            raise FlatsatError(f"parameter {name}: there is none any more; give {_SUCCESSORS[name]}")
         ours = name.split(".")[0] in _PREFIXES
         near = difflib.get_close_matches(name.lower(), known, n=1, cutoff=_FAR if ours else _NEAR)
         if ours or near:
