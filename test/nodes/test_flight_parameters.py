@@ -6,7 +6,6 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pytest
 
 from flatsat_ros.nodes.ros import interfaces
 
@@ -14,8 +13,6 @@ if TYPE_CHECKING:
     from conftest import Lab
 
     Column = Any
-
-pytestmark = pytest.mark.beside_flights
 
 V_INF = 1e-3
 

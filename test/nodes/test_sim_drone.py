@@ -15,8 +15,6 @@ from flatsat_ros.nodes.ros import interfaces, messages
 if TYPE_CHECKING:
     from conftest import Lab
 
-pytestmark = pytest.mark.beside_flights
-
 HOVER = 38842.0  # PWM that carries 0.029 kg with 0.480 N at 65535
 ZERO = WireSetpoint(0.0, 0.0, 0.0, 0.0)
 
