@@ -208,12 +208,14 @@ def _timing(arguments: argparse.Namespace, vehicle: VehicleProfile | None) -> Ti
     if arguments.drift is not None or arguments.push is not None:
         if arguments.kappa is not None or arguments.gain_max is not None or arguments.lag or arguments.delay:
             raise FlatsatError(
-                "--drift, --push: certified for the plain hold; drop --lag, --delay, --kappa, --gain-max"
+                "--drift, --push: certified for the plain hold; drop --lag, --delay, --kappa, --gain-max, or give "
+                "--flight: its certificates are of loops with lag and delay that are disturbed"
             )
         if not timing.immediate:
             raise FlatsatError(
                 f"--drift, --push: certified for the plain hold; {arguments.vehicle} has a lag of {timing.lag:.6g} s "
-                f"and a delay of {timing.delay:.6g} s: give --lag 0 --delay 0 to leave them out"
+                f"and a delay of {timing.delay:.6g} s: give --lag 0 --delay 0 to leave them out, or --flight to "
+                "certify the disturbed loop with them"
             )
     elif timing.immediate and arguments.kappa is not None:
         raise FlatsatError(

@@ -184,7 +184,7 @@ def test_a_certificate_is_verified_and_a_wrong_one_refused(
         ([*PAPER_LIMITS, "--cover", "2.4,2.4,1.6", "--rate", "1.25"], "errors need kappa = 0.4259, certified"),
         ([*PAPER_LIMITS, "--drift", "1,1,1"], "--drift = [1.0, 1.0, 1.0]: must be one number, or two as H,V"),
         ([*PAPER_LIMITS, "--push", "0.9"], "push on x and y = 0.9 m/s^2: must be at most 0.576589 m/s^2"),
-        ([*PAPER_LIMITS, "--push", "0.1", "--lag", "0.1"], "certified for the plain hold; drop --lag"),
+        ([*PAPER_LIMITS, "--push", "0.1", "--lag", "0.1"], "--delay, --kappa, --gain-max, or give --flight"),
         (["--vehicle", "cf21", "--push", "0.1"], "cf21 has a lag of 0.140465 s and a delay of 0.002 s: give"),
         ([*PAPER_LIMITS, "--kappa", "0.7"], "--kappa goes with --lag, --delay or --vehicle"),
         ([*PAPER_LIMITS, "--force"], "--force overwrites files; without --output and --plot none is written"),
