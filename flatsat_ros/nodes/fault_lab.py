@@ -21,6 +21,7 @@ from flatsat_ros.nodes.fault_relay import UPSTREAM
 from flatsat_ros.nodes.ros import cdr, interfaces, messages
 
 CONTROLLER, RELAY = interfaces.CONTROLLER_NODE, "fault_relay"
+_OLD = messages.NANOSECONDS // 2  # ns
 _KINDS = {interfaces.EMERGENCY: Empty, interfaces.REBOOT: Trigger, "land": Trigger}
 
 
@@ -53,8 +54,9 @@ class FaultLab(Conductor):
         return super().missing() + silent + [client.srv_name for client in clients if not client.service_is_ready()]
 
     def heights(self) -> FloatArray:
-        """Return the newest true height of each drone, (N,), m."""
-        return np.array([cdr.pose_from_cdr(self._newest[_truth(robot)])[1][2] for robot in self._robots])
+        """Return the true height of each drone, (N,), m; nan if what was heard last is old."""
+        poses = [cdr.pose_from_cdr(self._newest[_truth(robot)]) for robot in self._robots]
+        return np.array([place[2] if self.now() - stamp < _OLD else np.nan for stamp, place, *_ in poses])
 
     def ask_landing(self, index: int) -> Future:
         """Ask the controller to land one robot."""

@@ -65,6 +65,13 @@ def test_drones_that_never_hover_are_not_waited_for_without_end() -> None:
     assert flight.clock == pytest.approx(60.0, abs=0.2)
 
 
+def test_drones_that_are_not_heard_of_do_not_hover(monkeypatch: pytest.MonkeyPatch) -> None:
+    flight = Climb()
+    heard = flight.heights
+    monkeypatch.setattr(flight, "heights", lambda: heard() if flight.clock < 3.0 else np.full(2, np.nan))
+    assert not flight.hover(0.85)
+
+
 def test_drones_whose_link_is_killed_fall_and_no_process_is_left(ros_domain: int, tmp_path: Path) -> None:
     program = [sys.executable, "-m", "flatsat_ros.cli.faults", "--live", "--fault", "relay_killed"]
     finished = subprocess.run([*program, "--output", str(tmp_path)], capture_output=True, text=True, timeout=120)

@@ -225,7 +225,7 @@ class LiveFlight(Live):
         while (now := self.now()) < low + _SETTLING:
             if now > latest:
                 return False
-            if (self.conductor.heights() < height).any() or self.conductor.robots_in(*set(Mode) - {Mode.FLY}):
+            if not (self.conductor.heights() >= height).all() or self.conductor.robots_in(*set(Mode) - {Mode.FLY}):
                 low = now
             if now > asked + _ASK_AGAIN and self.conductor.robots_in(Mode.IDLE, Mode.CUT):
                 self.take_off()
