@@ -58,12 +58,14 @@ class Steered(NamedTuple):
         level: (N,) who is in the air without being steered.
         grounded: (N,) who is steered and has not left the ground yet.
         touching: (N,) who lands and is so low that something may carry it; None for nobody.
+        resting: (N,) who was taken over and has not risen since; None for nobody.
     """
 
     flying: np.ndarray
     level: np.ndarray
     grounded: np.ndarray
     touching: np.ndarray | None
+    resting: np.ndarray | None = None
 
 
 class Loop(ABC):
@@ -220,6 +222,8 @@ class PredictedLoop(Loop):
             innovation = _sizes(self._predictor.innovation)
             if drones.touching is not None:  # what carries a drone is in no model
                 innovation[drones.touching] = 0.0
+            if drones.resting is not None:  # it may stand on something, with its thrust lock closed
+                innovation[drones.resting, 1] = 0.0
             doubt.look(now, airborne, self._predictor.age, innovation)
         if doubt.any:
             self._doubts = doubt.of(now)

@@ -29,6 +29,8 @@ _LIFTING = 0.3
 _LIFTING_RISE = 0.005
 # so many times the thrust of a hover lift whoever can be flown, or as many as the weakest drone needs that is flown
 _ENOUGH = 1.3
+# who was taken over and has risen less than this, m, may stand on something that is higher than the floor
+_RESTS = 0.01
 _SLID = "told to climb, it moves sideways instead: is z up in the poses?"
 _SUNK = "told to climb, it is seen {0:.2f} m below where it stood, at most {1:g} m: has z the other sign?"
 _UNMOVED = "poses whose z stays within {0:g} m, while commands should have changed it by {1:.2f} m: are they its own?"
@@ -52,6 +54,7 @@ class Senses:
         descent: of drones without poses.
         braking: of drones that sink because they do not move as commanded.
         grounded: (N,) who was unlocked on the ground and has not left it yet.
+        resting: (N,) who was taken over, wherever that was, and has not risen since; None for nobody.
     """
 
     def __init__(self, certificate: Certificate, policy: Policy, count: int) -> None:
@@ -77,6 +80,7 @@ class Senses:
         self._lift = np.zeros(count)  # what lifts each beside its thrust, m/s^2, without gusts
         self._unlocked = np.zeros(count, dtype=bool)  # it stood on the ground when its flight began
         self.grounded = self._unlocked & self._lift_off.standing
+        self.resting: np.ndarray | None = None
         self._misled = np.zeros(count, dtype=bool)  # it sinks, and its height is not what its poses say
         self._up = np.zeros((count, 3))  # of those, the direction in which they have left the ground
         self._gone_astray = np.zeros(count, dtype=bool)  # until it is down
@@ -130,6 +134,9 @@ class Senses:
         self._judge_lift_off(state)
         standing = self._lift_off.standing
         self.grounded = self._unlocked & standing
+        self.resting = None
+        if any_of(standing):
+            self.resting = standing & ~self._unlocked & (self._lift_off.rise(estimated) < _RESTS)
         height = np.where(flying & ~standing, state[:, 2] - guidance.ground, np.inf)
         aloft = usable & ~self._misled & (state[:, 2] - guidance.ground > _NEAR_GROUND)
         self._sight = Sight(

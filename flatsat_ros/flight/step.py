@@ -95,7 +95,7 @@ class ControlStep:
                 guidance.land(index, now)
                 self.reports.append(Report(index, f"{text}: it brakes and lands"))
         touching = guidance.landing & guidance.near_ground(state) if any_of(guidance.landing) else None
-        aim = parts.loop.aim(now, estimated, reference, Steered(flying, level, grounded, touching))
+        aim = parts.loop.aim(now, estimated, reference, Steered(flying, level, grounded, touching, senses.resting))
         hurried = senses.thrust.hurried
         adapting = flying if hurried is None else flying & ~hurried
         output = parts.steering.step(aim.state, estimator.yaw, aim.base, flying, adapting)

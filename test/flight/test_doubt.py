@@ -240,3 +240,21 @@ def test_a_landing_is_no_reason_to_doubt_the_loop_of_the_next_flight() -> None:
         time = fly(pilot, fleet, vehicle, time + 5.0, look, start=time)
     assert fleet.bodies.grounded.all()
     assert not any("flown softly" in text for text in told)
+
+
+def test_who_takes_off_from_a_table_with_its_thrust_lock_closed_is_not_doubted() -> None:
+    vehicle, table = load_vehicle("cf21"), 0.7
+    fleet = SimulatedFleet(vehicle, 1, capture=MotionCapture(noise=1e-4), command_delay=LINK_DELAY, floor=table)
+    policy = Policy(disturbance_max=0.8, thrust_error_max=0.25, drag=vehicle.dynamics.drag_z)
+    pilot, told = Pilot(CERTIFICATE, Tuning(2.0, 0.05, 1.0, CERTIFICATE.gain_max), policy, 1), []
+
+    def look(_now: float, _samples: object, tick: Tick, _sent: object) -> None:
+        told.extend(report.text for report in tick.reports)
+        told.extend(transition.reason for transition in tick.transitions)
+
+    time = fly(pilot, fleet, vehicle, 1.0, look)
+    pilot.take_off(0, 0.5)
+    fly(pilot, fleet, vehicle, time + 6.0, look, start=time)
+    assert fleet.bodies.position[0, 2] == pytest.approx(table + 0.5, abs=0.05)
+    assert any("on something: unlocked" in text for text in told)
+    assert not any("flown softly" in text for text in told)
