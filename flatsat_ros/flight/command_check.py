@@ -40,7 +40,9 @@ class CommandCheck:
         self._late = max(certificate.lag + certificate.delay, _LATE)
         self._stiff, self._source, self._period = certificate.flight is not None, yaw_source, period
         turns = yaw_source is not YawSource.MEASURED
-        self._astray = AstrayDetector(count, period, self._late, turns=turns, wary=self._stiff)
+        # a command counts from its tick on, but has been obeyed when the next one is given only
+        late = self._late + certificate.period if self._stiff else self._late
+        self._astray = AstrayDetector(count, period, late, turns=turns, wary=self._stiff)
         # at the last looks, newest last: where each was measured, m, and when, s; and what follows of that, m/s
         self._places, self._stamps = np.zeros((_PLACES + 1, count, 2)), np.zeros((_PLACES + 1, count))
         self._velocity = np.zeros((count, 2))

@@ -62,3 +62,21 @@ def test_a_reversed_axis_is_noticed_in_a_hover_before_the_drone_has_gone_far() -
     assert fleet.bodies.grounded[: PITCH.stop].all()
     assert np.isnan(noticed[RIGHT]).all()
     assert (pilot.mode[RIGHT] == Mode.FLY).all()
+
+
+def test_gusts_are_taken_for_no_reversed_axis_with_ten_ticks_a_second() -> None:
+    certificate, starts = (
+        load_certificate("cf21_tight_10hz"),
+        np.array([[0.0, 0.0, 1.0], [2.0, 0.0, 1.0], [4.0, 0.0, 1.0]]),
+    )
+    fleet = SimulatedFleet(
+        VEHICLE, 3, start=starts, flying=True, seed=1, wind=Wind(gust=0.5), capture=MotionCapture(noise=2e-4),
+        command_delay=LINK_DELAY,
+    )  # fmt: skip
+    policy = Policy(disturbance_max=0.8, thrust_error_max=0.25, drag=VEHICLE.dynamics.drag_z)
+    pilot = Pilot(certificate, Tuning(2.0, 0.05, 1.0, certificate.gain_max), policy, 3)
+    time = fly(pilot, fleet, VEHICLE, 0.3)
+    for index, start in enumerate(starts):
+        pilot.set_goal(index, start + (0.0, 0.0, 0.3))
+    fly(pilot, fleet, VEHICLE, 12.0, start=time)
+    assert (pilot.mode == Mode.FLY).all()
