@@ -21,8 +21,9 @@ _CLIMB = 0.5
 # a drone that a thrust that lifts whoever can be flown does not lift by so much, m, within this time, s, stays on the
 # ground, or its poses do not show that it leaves it.
 _ENOUGH_RISE, _ENOUGH_TIME = 0.01, 0.4
-# a drone that moves sideways by so much, m, before it has left the ground does not climb where it is told to
-_SLID = 0.15
+# A drone that moves sideways by so much, m, before it has left the ground does not climb where it is told to, unless it
+# was seen to rise by more than so small a part of that: gusts push one sideways that hops on the cushion of the ground.
+_SLID, _HOPPED = 0.15, 0.2
 
 # A drone falls when it sinks faster than this, m/s, and is disturbed downward by more than this, m/s^2.
 _FALLING_SPEED = 1.0
@@ -108,6 +109,7 @@ class LiftOffDetector:
         self._patience, self._enough = patience, enough
         self.standing = self.slid = self.sunk = np.zeros(count, dtype=bool)
         self._place = np.zeros((count, 3))  # where each stood last, m
+        self._highest = np.zeros(count)  # how far each was seen to rise from there at most, m
         self._held_since = np.full(count, np.inf)
         self._enough_since = np.full(count, np.inf)
         self._last = np.inf  # s, of the last look
@@ -117,7 +119,7 @@ class LiftOffDetector:
         """Watch drone index, which stands at a place (3,), m, and is about to take off."""
         self.standing = self.standing.copy()
         self.standing[index], self._place[index], self._held_since[index] = True, place, np.inf
-        self._enough_since[index], self._unseen[:, index] = np.inf, 0.0
+        self._enough_since[index], self._unseen[:, index], self._highest[index] = np.inf, 0.0, 0.0
 
     def risen(self, index: int, place: FloatArray) -> float:
         """Return how high drone index, which is seen at a place (3,), m, is if all its way led upward, m."""
@@ -158,7 +160,9 @@ class LiftOffDetector:
         moved = np.abs(way)
         self.sunk = flying & self.standing & (way[:, 2] < -LIFTED_OFF)
         self.standing = self.standing & (moved[:, 2] < LIFTED_OFF)
-        self.slid = flying & self.standing & (np.hypot(moved[:, 0], moved[:, 1]) > _SLID)
+        self._highest = np.maximum(self._highest, way[:, 2])
+        aside = np.hypot(moved[:, 0], moved[:, 1])
+        self.slid = flying & self.standing & (aside > _SLID) & (_HOPPED * aside > self._highest)
         waiting = flying & self.standing & (upward >= _CLIMB)
         self._held_since = np.where(waiting, np.minimum(self._held_since, now), np.inf)
         held = now - self._held_since >= self._patience

@@ -257,6 +257,17 @@ def test_a_drone_that_moves_sideways_before_it_leaves_the_ground_slides(way: flo
     assert detector.risen(0, place[0]) == pytest.approx(0.1 + math.hypot(way, 0.3 * rises))
 
 
+@given(hop=st.sampled_from([0.0, 0.02, 0.035, 0.045]), way=st.floats(0.1, 0.3))
+def test_a_drone_that_was_seen_to_hop_may_be_blown_sideways_by_five_times_as_much(hop: float, way: float) -> None:
+    detector = LiftOffDetector(1, 3.0)
+    detector.begin(0, np.array([1.0, 2.0, 0.1]))
+    for share in np.linspace(0.0, 1.0, 20):
+        place = np.array([[1.0 + way * share, 2.0, 0.1 + hop * math.sin(math.pi * min(2.0 * share, 1.0))]])
+        detector.held(share, place, np.ones(1), np.ones(1), GRAVITY, ON)
+    if abs(way - 5.0 * hop) > 0.01:  # the highest place is between two looks
+        assert detector.slid[0] == (way > 0.15 and way > 5.0 * hop)
+
+
 @given(depth=st.floats(-0.3, 0.3), noise=st.floats(-0.02, 0.02))
 def test_a_drone_that_is_seen_below_the_ground_on_which_it_stood_has_risen_as_far(depth: float, noise: float) -> None:
     detector, found = LiftOffDetector(1, 3.0), False
