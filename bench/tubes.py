@@ -114,21 +114,21 @@ ROWS = {
     ),
     "identified": Row(
         _second(*_NARROW, 0.8585),
-        _attitude((0.03353, 15.64, 0.6404), (0.3396, 3.505, 10.08), 37.79, 18.96), 1.5, _LEANING, 0.05, False, 0.4,
+        _attitude((0.03353, 15.64, 0.6404), (0.3396, 3.505, 10.08), 37.79, 18.96), 1.5, _LEANING, 0.05, False, 0.2,
     ),
     "identified, gusts": Row(
         _second(*_NARROW, 0.8478),
         _attitude((0.03415, 15.78, 0.6101), (0.3515, 3.782, 9.154), 35.09, 16.55), 1.5,
-        replace(GUSTS, acceleration=0.4), 0.07, False, 0.4,
+        replace(GUSTS, acceleration=0.4), 0.07, False, 0.2,
     ),
     "identified, wider": Row(
         _second(*_WIDE, 0.9232),
-        _attitude((0.02891, 16.01, 0.6312), (0.4058, 5.232, 11.77), 26.96, 14.25), 1.5, _LEANING, 0.075, False, 0.6,
+        _attitude((0.02891, 16.01, 0.6312), (0.4058, 5.232, 11.77), 26.96, 14.25), 1.5, _LEANING, 0.075, False, 0.3,
     ),
     "identified, wider, gusts": Row(
         _second(*_WIDE, 0.9197),
         _attitude((0.03572, 17.03, 0.5904), (0.3709, 4.267, 10.48), 21.82, 13.26), 1.5,
-        replace(GUSTS, acceleration=0.4), 0.10, False, 0.6,
+        replace(GUSTS, acceleration=0.4), 0.10, False, 0.3,
     ),
 }  # fmt: skip
 _CELLS_MAX = 16_000
