@@ -94,6 +94,7 @@ class LiftOffDetector:
 
     Attributes:
         standing: (N,) who was seen to stand and has not left the ground yet.
+        rise: (N,) how far each of these was seen above where it stood at the last look, m.
         slid: (N,) who of these has moved sideways instead.
         sunk: (N,) who of these is seen below the ground instead.
     """
@@ -107,7 +108,8 @@ class LiftOffDetector:
             enough: times the thrust of a hover that lift whoever can be flown.
         """
         self._patience, self._enough = patience, enough
-        self.standing = self.slid = self.sunk = np.zeros(count, dtype=bool)
+        self.standing = self.slid = self.sunk = self._nobody = np.zeros(count, dtype=bool)
+        self.rise = np.zeros(count)
         self._place = np.zeros((count, 3))  # where each stood last, m
         self._highest = np.zeros(count)  # how far each was seen to rise from there at most, m
         self._held_since = np.full(count, np.inf)
@@ -119,7 +121,8 @@ class LiftOffDetector:
         """Watch drone index, which stands at a place (3,), m, and is about to take off."""
         self.standing = self.standing.copy()
         self.standing[index], self._place[index], self._held_since[index] = True, place, np.inf
-        self._enough_since[index], self._unseen[:, index], self._highest[index] = np.inf, 0.0, 0.0
+        self._enough_since[index], self._unseen[:, index] = np.inf, 0.0
+        self._highest[index] = self.rise[index] = 0.0
 
     def risen(self, index: int, place: FloatArray) -> float:
         """Return how high drone index, which is seen at a place (3,), m, is if all its way led upward, m."""
@@ -129,10 +132,6 @@ class LiftOffDetector:
         """Return the direction (3,) in which drone index, which is seen at a place (3,), m, has left the ground."""
         way = place - self._place[index]
         return np.asarray(way / np.linalg.norm(way))
-
-    def rise(self, place: FloatArray) -> FloatArray:
-        """Return how far each has risen from where it stood, (N,) m; place is (N, 3) or more, m."""
-        return np.asarray(place[:, 2] - self._place[:, 2])
 
     def unseen(self, index: int) -> tuple[float, float]:
         """Return how high, m, and how fast, m/s, drone index is by now if its poses do not show that it climbs."""
@@ -154,29 +153,32 @@ class LiftOffDetector:
         """
         elapsed, self._last = max(now - self._last, 0.0), now
         if not any_of(self.standing):
-            self.slid = self.sunk = self.standing
-            return np.zeros(flying.size, dtype=bool)
+            self.slid = self.sunk = self._nobody
+            return self._nobody
         way = place - self._place
         moved = np.abs(way)
-        self.sunk = flying & self.standing & (way[:, 2] < -LIFTED_OFF)
-        self.standing = self.standing & (moved[:, 2] < LIFTED_OFF)
-        self._highest = np.maximum(self._highest, way[:, 2])
-        aside = np.hypot(moved[:, 0], moved[:, 1])
-        self.slid = flying & self.standing & (aside > _SLID) & (_HOPPED * aside > self._highest)
-        waiting = flying & self.standing & (upward >= _CLIMB)
-        self._held_since = np.where(waiting, np.minimum(self._held_since, now), np.inf)
-        held = now - self._held_since >= self._patience
-        share = (upward + gravity) / (gravity * scale)
+        self.rise = way[:, 2]
+        np.maximum(self._highest, self.rise, out=self._highest)
+        self.slid = self.sunk = self._nobody
+        if any_of(moved > LIFTED_OFF):
+            self.sunk = flying & self.standing & (self.rise < -LIFTED_OFF)
+            self.standing = self.standing & (moved[:, 2] < LIFTED_OFF)
+            aside = np.hypot(moved[:, 0], moved[:, 1])
+            self.slid = flying & self.standing & (aside > _SLID) & (_HOPPED * aside > self._highest)
+        waiting = flying & self.standing
+        gained = (upward + gravity) / scale - gravity  # m/s^2, if its thrust is what is asked for
         rise, climb = self._unseen
-        climb += elapsed * gravity * (share - 1.0)
+        climb += elapsed * gained
         np.maximum(climb, 0.0, out=climb)
-        climb *= flying & self.standing
+        climb *= waiting
         rise += elapsed * climb
-        strong = share >= self._enough
+        self._held_since = np.where(waiting & (upward >= _CLIMB), np.minimum(self._held_since, now), np.inf)
+        held = now - self._held_since >= self._patience
+        strong = gained >= (self._enough - 1.0) * gravity
         if not any_of(strong):
             self._enough_since[:] = np.inf
             return np.asarray(held)
-        enough = flying & self.standing & strong & (moved[:, 2] < _ENOUGH_RISE)
+        enough = waiting & strong & (moved[:, 2] < _ENOUGH_RISE)
         self._enough_since = np.where(enough, np.minimum(self._enough_since, now), np.inf)
         return np.asarray(held | (now - self._enough_since >= _ENOUGH_TIME))
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -58,14 +59,14 @@ class Steered(NamedTuple):
         level: (N,) who is in the air without being steered.
         grounded: (N,) who is steered and has not left the ground yet.
         touching: (N,) who lands and is so low that something may carry it; None for nobody.
-        resting: (N,) who was taken over and has not risen since; None for nobody.
+        resting: returns who was taken over and has not risen since, (N,): asked for where it matters alone.
     """
 
     flying: np.ndarray
     level: np.ndarray
     grounded: np.ndarray
     touching: np.ndarray | None
-    resting: np.ndarray | None = None
+    resting: Callable[[], np.ndarray]
 
 
 class Loop(ABC):
@@ -222,8 +223,7 @@ class PredictedLoop(Loop):
             innovation = _sizes(self._predictor.innovation)
             if drones.touching is not None:  # what carries a drone is in no model
                 innovation[drones.touching] = 0.0
-            if drones.resting is not None:  # it may stand on something, with its thrust lock closed
-                innovation[drones.resting, 1] = 0.0
+            innovation[drones.resting(), 1] = 0.0  # it may stand on something, with its thrust lock closed
             doubt.look(now, airborne, self._predictor.age, innovation)
         if doubt.any:
             self._doubts = doubt.of(now)

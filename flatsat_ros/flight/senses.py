@@ -54,7 +54,6 @@ class Senses:
         descent: of drones without poses.
         braking: of drones that sink because they do not move as commanded.
         grounded: (N,) who was unlocked on the ground and has not left it yet.
-        resting: (N,) who was taken over, wherever that was, and has not risen since; None for nobody.
     """
 
     def __init__(self, certificate: Certificate, policy: Policy, count: int) -> None:
@@ -80,7 +79,6 @@ class Senses:
         self._lift = np.zeros(count)  # what lifts each beside its thrust, m/s^2, without gusts
         self._unlocked = np.zeros(count, dtype=bool)  # it stood on the ground when its flight began
         self.grounded = self._unlocked & self._lift_off.standing
-        self.resting: np.ndarray | None = None
         self._misled = np.zeros(count, dtype=bool)  # it sinks, and its height is not what its poses say
         self._up = np.zeros((count, 3))  # of those, the direction in which they have left the ground
         self._gone_astray = np.zeros(count, dtype=bool)  # until it is down
@@ -134,9 +132,6 @@ class Senses:
         self._judge_lift_off(state)
         standing = self._lift_off.standing
         self.grounded = self._unlocked & standing
-        self.resting = None
-        if any_of(standing):
-            self.resting = standing & ~self._unlocked & (self._lift_off.rise(estimated) < _RESTS)
         height = np.where(flying & ~standing, state[:, 2] - guidance.ground, np.inf)
         aloft = usable & ~self._misled & (state[:, 2] - guidance.ground > _NEAR_GROUND)
         self._sight = Sight(
@@ -151,8 +146,14 @@ class Senses:
         )
         return self._sight
 
+    def resting(self) -> np.ndarray:
+        """Return who was taken over, wherever that was, and had not risen since at the last look, (N,)."""
+        return np.asarray(self._lift_off.standing & ~self._unlocked & (self._lift_off.rise < _RESTS))
+
     def _judge_lift_off(self, state: FloatArray) -> None:
         """Take those for astray that leave the ground another way than upward; state is (N, 6), m, m/s."""
+        if not any_of(self._lift_off.slid | self._lift_off.sunk):
+            return
         slid = self._lift_off.slid & self._unlocked
         # one that was unlocked in somebody's hand may well sink
         sunk = self._lift_off.sunk & self._unlocked & (state[:, 2] < self._low - LIFTED_OFF)
@@ -213,7 +214,7 @@ class Senses:
         free = high & ~standing
         lifting = standing
         if any_of(standing):
-            low = self._lift_off.rise(estimated) < _LIFTING_RISE
+            low = self._lift_off.rise < _LIFTING_RISE
             lifting = flying & standing & (acceleration[:, 2] >= _LIFTING) & low
         watched = free & ~landing
         if self._gaps.any:
