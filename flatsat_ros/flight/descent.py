@@ -9,10 +9,11 @@ too low than too high.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
-from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.arrays import FloatArray, any_of
 
 _SINKING = 0.5  # m/s
 _CHANGE = 1.0  # m/s^2, to come to that speed
@@ -72,13 +73,16 @@ class BlindDescent:
         """Let no descent last longer because the clock was set back to now, s."""
         self._began = np.where(np.isfinite(self._began), np.minimum(self._began, now), np.inf)
 
-    def over(self, now: float, aloft: np.ndarray, deceived: np.ndarray) -> np.ndarray:
+    def over(self, now: float, aloft: Callable[[], np.ndarray], deceived: np.ndarray) -> np.ndarray:
         """Tell whose descent has lasted long enough, (N,): for those that are seen in the air three times as long.
 
         Args:
             now: s.
-            aloft: (N,) who is seen in the air.
+            aloft: returns who is seen in the air, (N,); asked for where it matters.
             deceived: (N,) whose poses stand still; they are not seen.
         """
-        longer = np.where(deceived, _DECEIVED, np.where(aloft, _SEEN, 1.0))
-        return np.asarray(now - self._began >= longer * self._length)
+        lasted = now - self._began
+        ended = np.asarray(lasted >= self._length)
+        if not any_of(ended):
+            return ended
+        return np.asarray(lasted >= np.where(deceived, _DECEIVED, np.where(aloft(), _SEEN, 1.0)) * self._length)

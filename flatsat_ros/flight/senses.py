@@ -133,7 +133,10 @@ class Senses:
         standing = self._lift_off.standing
         self.grounded = self._unlocked & standing
         height = np.where(flying & ~standing, state[:, 2] - guidance.ground, np.inf)
-        aloft = usable & ~self._misled & (state[:, 2] - guidance.ground > _NEAR_GROUND)
+
+        def aloft() -> np.ndarray:
+            return np.asarray(usable & ~self._misled & (state[:, 2] - guidance.ground > _NEAR_GROUND))
+
         self._sight = Sight(
             height=state[:, 2],
             usable=usable,

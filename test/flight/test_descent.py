@@ -19,17 +19,17 @@ def test_a_drone_that_gives_what_is_commanded_is_down_before_its_motors_stop(hei
     descent.begin(0, 0.0, height, climb, None)
     z, velocity, now = height, climb, 0.0
     while z > 0.0:
-        assert not descent.over(now, NO, NO)[0]
+        assert not descent.over(now, lambda: NO, NO)[0]
         velocity += (float(descent.thrust(now)[0]) - GRAVITY) * PERIOD
         z += velocity * PERIOD
         now += PERIOD
-    assert descent.over(now + 30.0, NO, NO)[0]
+    assert descent.over(now + 30.0, lambda: NO, NO)[0]
 
 
 @given(height=st.floats(0.0, 5.0), climb=st.floats(-1.0, 1.0))
 def test_one_that_is_seen_in_the_air_gets_more_time_but_not_for_ever(height: float, climb: float) -> None:
     descent = BlindDescent(GRAVITY, 0.4, LEVEL, 1)
     descent.begin(0, 0.0, height, climb, 0.0)
-    end = next(0.1 * n for n in range(1000) if descent.over(0.1 * n, NO, NO)[0])
-    assert not descent.over(2.9 * end - 0.3, ~NO, NO)[0]
-    assert descent.over(3.0 * end, ~NO, NO)[0]
+    end = next(0.1 * n for n in range(1000) if descent.over(0.1 * n, lambda: NO, NO)[0])
+    assert not descent.over(2.9 * end - 0.3, lambda: ~NO, NO)[0]
+    assert descent.over(3.0 * end, lambda: ~NO, NO)[0]
