@@ -57,7 +57,7 @@ $(NOBLE_SETUP): $(NOBLE_REQUIREMENTS)
 	$(NOBLE)/bin/python -m pip install --disable-pip-version-check --requirement $(NOBLE_REQUIREMENTS)
 	touch $@
 
-test-kernels: setup $(EXTREMES:%=%/.done)  ## law, certificates, synthesis as on other processors, and on Python 3.10 and 3.13
+test-kernels: setup $(EXTREMES:%=%/.done)  ## law, flight layer, certificates, synthesis as on other processors, and on Python 3.10 and 3.13
 	$(BIN)/python test/kernels.py --certificate="$(CF21)" --pytest="--numprocesses auto $(ARGS)" $(BIN)/python $(EXTREMES:%=%/bin/python)
 
 .venv-3.%/.done: $(REQUIREMENTS)

@@ -1,4 +1,4 @@
-"""`make test-kernels`: law, certificates and synthesis as other processors and other versions of Python compute them.
+"""`make test-kernels`: law, flight, certificates and synthesis as other processors and other Pythons compute them.
 
 OpenBLAS chooses its kernel by the processor; OPENBLAS_CORETYPE makes it choose another, as far as this processor can
 execute it. Under each, the tests are run and certificates in config/ computed again, those of DESIGNS of the whole
@@ -19,7 +19,7 @@ from pathlib import Path
 import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
-TESTS = ("test/law", "test/certificate", "test/synthesis")
+TESTS = ("test/law", "test/flight", "test/certificate", "test/synthesis")
 
 DESIGNS = ("cf21_flight_50hz", "cf21_adaptive_50hz")  # seconds each; all take minutes on each kernel
 
