@@ -73,6 +73,7 @@ class AstrayDetector:
         yaw: FloatArray,
         judged: np.ndarray,
         assumed: np.ndarray | None = None,
+        standing: np.ndarray | None = None,
     ) -> np.ndarray:
         """Tell who goes astray, (N,).
 
@@ -80,13 +81,18 @@ class AstrayDetector:
             push: (N, 2) horizontal change of velocity that was commanded since the last look, m/s.
             velocity: (N, 2) estimated, m/s.
             yaw: (N,) psi, rad, by which the commands were turned into the body's axes.
-            judged: (N,) who is in the air and steered.
+            judged: (N,) who is steered, and in the air if it moves.
             assumed: (N,) whose yaw nobody sees; nobody's by default.
+            standing: (N,) who of these has not moved yet: it is judged from when it does, by what was commanded before
+                as well; nobody by default.
         """
         self._velocities.append(velocity)
         self._commanded.append(self._commanded[-1] + push)
-        self._judged = np.where(judged, self._judged + self._period, 0.0)
+        self._judged += self._period
+        self._judged *= judged
         early = self._judged < len(self._velocities) * self._period
+        if standing is not None:
+            early |= standing
         if all_of(early):
             self._sums[:], self._common[:], self._wrong[:] = 0.0, 0.0, 0.0
             return np.zeros(early.size, dtype=bool)

@@ -63,6 +63,7 @@ class CommandCheck:
         measured: tuple[FloatArray, FloatArray] | None,
         yaw: FloatArray,
         judged: np.ndarray,
+        standing: np.ndarray,
         unseen: np.ndarray | None,
         told: np.ndarray,
     ) -> np.ndarray:
@@ -73,14 +74,15 @@ class CommandCheck:
             velocity: (N, 2) estimated, m/s.
             measured: (N,) stamps of the newest poses, s, and their positions (N, 3), m; None: the estimate serves.
             yaw: (N,) psi, rad.
-            judged: (N,) who is in the air and steered.
+            judged: (N,) who is steered, and in the air if it moves.
+            standing: (N,) who was not seen to move since it was taken over.
             unseen: (N,) whose yaw is assumed, or learnt from motion, see `take_turns`; nobody's if None.
             told: (N,) of whom it has been told that they go astray.
         """
         if self._stiff and measured is not None:
             velocity = self._measured_velocity(*measured)
         assumed = self.assumed = unseen if self._source is YawSource.ASSUMED else None
-        astray = self._astray.astray(push, velocity, yaw, judged, assumed)
+        astray = self._astray.astray(push, velocity, yaw, judged, assumed, standing)
         if assumed is not None:
             self._tell_turns(astray & assumed & ~told)
         elif unseen is not None and any_of(unseen):

@@ -16,6 +16,9 @@ _CARRIED_TIME = 0.9  # a body that is pushed so and falls freely moves farther i
 
 # a drone is off the ground when it is so far, m, from the height at which its lock was opened; it cannot be below
 LIFTED_OFF = 0.05
+# one that was taken over wherever it was is in the air, too, when it has moved along x or y by so much, m: what stands
+# on something with its lock closed does not
+_MOVED_ASIDE = 0.03
 # an upward acceleration of this much, m/s^2, is a command to climb
 _CLIMB = 0.5
 # a drone that a thrust that lifts whoever can be flown does not lift by so much, m, within this time, s, stays on the
@@ -93,7 +96,7 @@ class LiftOffDetector:
     """Tells which drones are commanded to climb and stay on the ground.
 
     Attributes:
-        standing: (N,) who was seen to stand and has not left the ground yet.
+        standing: (N,) who may stand on something: it was not seen to leave the place where it was watched first.
         rise: (N,) how far each of these was seen above where it stood at the last look, m.
         slid: (N,) who of these has moved sideways instead.
         sunk: (N,) who of these is seen below the ground instead.
@@ -110,6 +113,7 @@ class LiftOffDetector:
         self._patience, self._enough = patience, enough
         self.standing = self.slid = self.sunk = self._nobody = np.zeros(count, dtype=bool)
         self.rise = np.zeros(count)
+        self._aside = np.full(count, np.inf)  # who is so far along x or y is in the air, m
         self._place = np.zeros((count, 3))  # where each stood last, m
         self._highest = np.zeros(count)  # how far each was seen to rise from there at most, m
         self._held_since = np.full(count, np.inf)
@@ -117,9 +121,16 @@ class LiftOffDetector:
         self._last = np.inf  # s, of the last look
         self._unseen = np.zeros((2, count))  # rise, m, and climb rate, m/s, of each if its thrust is what is asked for
 
-    def begin(self, index: int, place: FloatArray) -> None:
-        """Watch drone index, which stands at a place (3,), m, and is about to take off."""
+    def begin(self, index: int, place: FloatArray, *, taken_over: bool = False) -> None:
+        """Watch drone index, which is at a place (3,), m.
+
+        Args:
+            index: which drone.
+            place: where it stands and is about to take off.
+            taken_over: it may be in the air there, or stand on something with its thrust lock closed.
+        """
         self.standing = self.standing.copy()
+        self._aside[index] = _MOVED_ASIDE if taken_over else np.inf
         self.standing[index], self._place[index], self._held_since[index] = True, place, np.inf
         self._enough_since[index], self._unseen[:, index] = np.inf, 0.0
         self._highest[index] = self.rise[index] = 0.0
@@ -160,9 +171,9 @@ class LiftOffDetector:
         self.rise = way[:, 2]
         np.maximum(self._highest, self.rise, out=self._highest)
         self.slid = self.sunk = self._nobody
-        if any_of(moved > LIFTED_OFF):
+        if any_of(moved > _MOVED_ASIDE):
             self.sunk = flying & self.standing & (self.rise < -LIFTED_OFF)
-            self.standing = self.standing & (moved[:, 2] < LIFTED_OFF)
+            self.standing = self.standing & (moved[:, 2] < LIFTED_OFF) & (moved[:, :2].max(axis=1) < self._aside)
             aside = np.hypot(moved[:, 0], moved[:, 1])
             self.slid = flying & self.standing & (aside > _SLID) & (_HOPPED * aside > self._highest)
         waiting = flying & self.standing

@@ -231,11 +231,11 @@ class Senses:
         if self.thrust.quick:
             span = self._period * new
         self.thrust.learn(acceleration[:, 2] + self._gravity, disturbance[:, 2], learning, lifting, span)
-        # what carries a drone lets nothing come of its commands, which is not taken for a wrong sign
-        judged = (flying & ~standing) | self.braking.active
+        # of one that was taken over and stands on something nothing comes; it is judged once it was seen to move
+        judged = (flying & ~self.grounded) | self.braking.active
         seen = None if newest is None or measured is None else (newest, measured)
         velocity, told = estimated[:, 3:5], self._gone_astray
-        astray = self._command_check.look(self._push[:, :2], velocity, seen, yaw, judged, unseen, told)
+        astray = self._command_check.look(self._push[:, :2], velocity, seen, yaw, judged, standing, unseen, told)
         self._reports += self._command_check.reports()
         self._gone_astray = self._gone_astray | astray
         if any_of(self.braking.active):
@@ -346,8 +346,8 @@ class Senses:
         if before is Mode.IDLE and after is Mode.FLY:
             self.thrust.take_over(index)
         if after is Mode.UNLOCK or (after is Mode.FLY and before not in AIRBORNE):
-            self._lift_off.begin(index, estimated[:3])
             self._unlocked[index] = after is Mode.UNLOCK or before is Mode.UNLOCK
+            self._lift_off.begin(index, estimated[:3], taken_over=not self._unlocked[index])
             self.grounded = self._unlocked & self._lift_off.standing
             return height if after is Mode.UNLOCK or height < self._low else None
         return None

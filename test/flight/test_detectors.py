@@ -278,3 +278,27 @@ def test_a_drone_that_is_seen_below_the_ground_on_which_it_stood_has_risen_as_fa
         found |= bool(detector.sunk[0])
     assert found == (depth > 0.05)
     assert detector.risen(0, place[0]) == pytest.approx(-0.1 + math.hypot(noise, noise, depth))
+
+
+@given(way=st.floats(0.0, 0.3), angle=st.floats(-math.pi, math.pi), taken_over=st.booleans())
+def test_who_was_taken_over_and_moves_sideways_stands_on_nothing(way: float, angle: float, taken_over: bool) -> None:
+    detector = LiftOffDetector(1, 3.0)
+    detector.begin(0, np.array([1.0, 2.0, 0.8]), taken_over=taken_over)
+    for share in (0.0, 1.0, 0.0):
+        place = np.array([[1.0 + way * share * math.cos(angle), 2.0 + way * share * math.sin(angle), 0.81]])
+        detector.held(share, place, np.zeros(1), np.ones(1), GRAVITY, ON)
+    assert detector.standing[0] != (taken_over and way * max(abs(math.cos(angle)), abs(math.sin(angle))) > 0.03)
+    assert not (taken_over and detector.slid[0])
+
+
+def test_who_was_taken_over_and_stands_still_goes_not_astray_however_it_is_commanded() -> None:
+    random, detector = np.random.default_rng(3), AstrayDetector(2, LOOK, LATE)
+    told, velocity, found = [np.zeros(2)], np.zeros((2, 2)), []
+    for n in range(round(6.0 / LOOK)):
+        told.append(0.9 * told[-1] + random.normal(0.0, 0.2, 2))
+        velocity[1] -= LOOK * told[max(0, n - round(LATE / LOOK))]  # the second one flies, with both signs wrong
+        push, seen = LOOK * np.tile(told[-1], (2, 1)), velocity + random.normal(0.0, 2e-3, (2, 2))
+        found.append(detector.astray(push, seen, np.zeros(2), np.tile(ON, 2), None, np.tile(n < 60, 2)))
+    assert not np.any(found[:60]), "who was not seen to move is not judged"
+    assert np.any(found, axis=0).tolist() == [False, True]
+    assert np.any(found[:75], axis=0)[1], "and then by what was commanded before as well"

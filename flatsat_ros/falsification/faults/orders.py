@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from flatsat_ros.falsification.faults.criteria import Bounds, End
-from flatsat_ros.falsification.faults.fault import ALL, Action, Fault, poses
+from flatsat_ros.falsification.faults.fault import ALL, Action, Fault, commands, poses
 from flatsat_ros.falsification.faults.phases import Phase
 from flatsat_ros.falsification.faults.scene import Scene
 from flatsat_ros.flight.trajectory import Trajectory
@@ -151,6 +151,24 @@ def _goal_again(scene: Scene) -> None:
         scene.go_to(drone, scene.record.paths[drone][-1])
 
 
+def _goal_here(scene: Scene) -> None:
+    for drone in range(scene.fleet.count):
+        scene.record.extend_path(drone, scene.place[drone].copy())
+        scene.go_to(drone, scene.place[drone])
+
+
+def _taken_over(name: str, meaning: str, fault: Action) -> Fault:
+    """Return a fault of a controller that starts in flight and shall hold the drones where they are."""
+    return Fault(
+        f"taken_over_{name}",
+        f"as controller_restarted, but {meaning}, and the goals are where the drones are",
+        ((0.0, _kill), (0.8, _start_again), (0.8, fault), (1.1, _goal_here)),
+        # as of those that took off; of two, a metre apart, that both go astray by as much nobody keeps them apart
+        Bounds(End.SAFE, told=r"pose|yaw|axis|sign|command|innovation|predict", separation=0.0),
+        victims=ALL,
+    )
+
+
 def _end_controller(scene: Scene) -> None:
     scene.end_controller()
 
@@ -261,6 +279,13 @@ ORDER_FAULTS = (
         {Phase.LANDING: Bounds(End.SAFE)},
         victims=ALL,
     ),
+    _taken_over(
+        "yaw_reversed", "orientations are 180 degrees off about z", poses(lambda _: faults.turned(math.pi), ALL)
+    ),
+    _taken_over(
+        "yaw_90deg", "orientations are 90 degrees off about z", poses(lambda _: faults.turned(math.pi / 2.0), ALL)
+    ),
+    _taken_over("pitch_negated", "the pitch has the other sign", commands(lambda _: faults.pitch_negated(*ALL))),
     *(
         Fault(
             f"ctrl_c_{height:g}m",
