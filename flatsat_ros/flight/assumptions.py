@@ -82,7 +82,7 @@ _COLUMNS = (
 _WHICH = np.array(_COLUMNS)
 _OF_DISTURBANCE = _COLUMNS.index(Assumption.DISTURBANCE)
 _OF_RATE = Assumption.DISTURBANCE_RATE.value == _WHICH
-_START, _TUBE = Assumption.START.value, Assumption.TUBE.value
+_START, _TUBE, _REFERENCE = Assumption.START.value, Assumption.TUBE.value, Assumption.REFERENCE.value
 
 
 class Seen(NamedTuple):
@@ -179,7 +179,8 @@ class Monitors:
             flying: (N,) who is steered.
             seen: at it.
         """
-        elapsed, self._now = now - self._now, now
+        before, self._now = self._now, now
+        elapsed = now - before
         vectors = self._vectors
         vectors[:, :2] = seen.error.reshape(-1, 2, 3)
         vectors[:, 2], vectors[:, 3], vectors[:, 4] = seen.nominal, seen.innovation, seen.disturbance
@@ -230,6 +231,8 @@ class Monitors:
         values[:, 4], values[:, 5:7] = np.sqrt(squares[:, 4, 0] + squares[:, 4, 1]), sizes[:, 5]
         values[:, 7], values[:, 8], values[:, 9], values[:, 10] = demand, gain, 1.0 / gain, self._lateness.excess
         self._judge(now, flying, self._sizes, self._values > self._bounds)
+        if jumped is not None:  # a reference that begins with a drone's flight has come from nowhere
+            self.broken[(self.broken == _REFERENCE) & jumped & (self._grounded >= before)] = _START
 
     def lately(self) -> FloatArray:
         """Return the mean of the estimated disturbances over the last second, (N, 3), m/s^2."""

@@ -113,6 +113,10 @@ class Doubt:
         self._until[grounded, 0] = np.maximum(self._until[grounded, 0], now + _LIFTED)
         self.any = True
 
+    def rest(self, now: float, resting: np.ndarray) -> None:
+        """Let heights of drones that may stand on something, (N,), be as they are, and for a while after that."""
+        self._lifted[resting] = now + _LIFTED
+
     def slowed(self, now: float, lately: Callable[[], FloatArray], disturbance: FloatArray) -> FloatArray:
         """Return the disturbances (N, 3), m/s^2, that are made up for: slowly, of drones that are not where expected.
 

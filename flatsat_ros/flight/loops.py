@@ -58,13 +58,15 @@ class Steered(NamedTuple):
         flying: (N,) who is steered.
         level: (N,) who is in the air without being steered.
         grounded: (N,) who is steered and has not left the ground yet.
-        touching: (N,) who lands and is so low that something may carry it; None for nobody.
+        landing: (N,) who lands; None for nobody.
+        touching: (N,) who of these is so low that the ground may carry it; None for nobody.
         resting: returns who was taken over and has not risen since, (N,): asked for where it matters alone.
     """
 
     flying: np.ndarray
     level: np.ndarray
     grounded: np.ndarray
+    landing: np.ndarray | None
     touching: np.ndarray | None
     resting: Callable[[], np.ndarray]
 
@@ -223,7 +225,9 @@ class PredictedLoop(Loop):
             innovation = _sizes(self._predictor.innovation)
             if drones.touching is not None:  # what carries a drone is in no model
                 innovation[drones.touching] = 0.0
-            innovation[drones.resting(), 1] = 0.0  # it may stand on something, with its thrust lock closed
+            if drones.landing is not None:  # nor is a table on which it lands
+                innovation[drones.landing & (self._predictor.innovation[:, 2] > 0.0), 1] = 0.0
+            doubt.rest(now, drones.resting())
             doubt.look(now, airborne, self._predictor.age, innovation)
         if doubt.any:
             self._doubts = doubt.of(now)

@@ -94,8 +94,10 @@ class ControlStep:
             if flying[index]:
                 guidance.land(index, now)
                 self.reports.append(Report(index, f"{text}: it brakes and lands"))
-        touching = guidance.landing & guidance.near_ground(state) if any_of(guidance.landing) else None
-        aim = parts.loop.aim(now, estimated, reference, Steered(flying, level, grounded, touching, senses.resting))
+        landing = guidance.landing if any_of(guidance.landing) else None
+        touching = None if landing is None else landing & guidance.near_ground(state)
+        steered = Steered(flying, level, grounded, landing, touching, senses.resting)
+        aim = parts.loop.aim(now, estimated, reference, steered)
         hurried = senses.thrust.hurried
         adapting = flying if hurried is None else flying & ~hurried
         output = parts.steering.step(aim.state, estimator.yaw, aim.base, flying, adapting)

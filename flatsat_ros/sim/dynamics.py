@@ -172,6 +172,7 @@ class Bodies:
         thrust: (N,) achieved thrust divided by the mass, m/s^2.
         grounded: (N,) whether the drone is on the floor.
         capsized: (N,) whether it fell over at touch-down and lies there.
+        floor: height of the floor, m, world; may be changed between two steps while all are higher: a table below them.
     """
 
     def __init__(
@@ -187,7 +188,7 @@ class Bodies:
             floor: height of the floor, m, world.
         """
         self._response = response
-        self._floor = floor
+        self.floor = floor
         self.position = position.copy()
         count = len(self.position)
         self.velocity = np.zeros((count, 3))
@@ -296,7 +297,7 @@ class Bodies:
             place: (N, 3) position one STEP ago.
             attitude: (3, N, order) attitude one STEP ago.
         """
-        falling = (self.position[:, 2] <= self._floor) & (self.velocity[:, 2] <= 0.0)
+        falling = (self.position[:, 2] <= self.floor) & (self.velocity[:, 2] <= 0.0)
         self.grounded = falling | self.capsized
         if not self.grounded.any():
             return
@@ -304,7 +305,7 @@ class Bodies:
         self.capsized = self.capsized | (falling & (upright < STANDING))
         down = self.grounded
         self.position[down] = place[down]
-        self.position[down, 2] = self._floor
+        self.position[down, 2] = self.floor
         self.velocity[down] = 0.0
         self.acceleration[down] = 0.0
         self.attitude[:, down, 0] = attitude[:, down, 0]

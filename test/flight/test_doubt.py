@@ -258,3 +258,31 @@ def test_who_takes_off_from_a_table_with_its_thrust_lock_closed_is_not_doubted()
     assert fleet.bodies.position[0, 2] == pytest.approx(table + 0.5, abs=0.05)
     assert any("on something: unlocked" in text for text in told)
     assert not any("flown softly" in text for text in told)
+
+
+@pytest.mark.parametrize("scale", [0.92, 1.08])
+def test_who_lands_on_a_table_that_nobody_knew_of_and_takes_off_from_it_is_not_doubted(scale: float) -> None:
+    vehicle, table = load_vehicle("thrust_kit"), 0.4
+    certificate = load_certificate("thrust_kit_adaptive_100hz")
+    fleet = SimulatedFleet(
+        vehicle, 1, capture=MotionCapture(noise=1e-4), command_delay=LINK_DELAY, thrust_scale=scale
+    )  # fmt: skip
+    policy = Policy(disturbance_max=0.8, thrust_error_max=0.25, drag=vehicle.dynamics.drag_z)
+    pilot, told = Pilot(certificate, Tuning(2.0, 0.05, 1.0, certificate.gain_max), policy, 1), []
+
+    def look(_now: float, _samples: object, tick: Tick, _sent: object) -> None:
+        told.extend(report.text for report in tick.reports)
+
+    time = fly(pilot, fleet, vehicle, 1.0, look)
+    pilot.take_off(0, 1.0)
+    time = fly(pilot, fleet, vehicle, 7.0, look, start=time)
+    fleet.bodies.floor = table
+    pilot.land(0)
+    time = fly(pilot, fleet, vehicle, 16.0, look, start=time)
+    assert fleet.bodies.grounded[0]
+    assert pilot.mode[0] == Mode.IDLE
+    assert not any("flown softly" in text for text in told), "a table is nothing strange to land on"
+    pilot.take_off(0, 0.8)
+    fly(pilot, fleet, vehicle, 22.0, look, start=time)
+    assert fleet.bodies.position[0, 2] == pytest.approx(table + 0.8, abs=0.05)
+    assert not any("flown softly" in text for text in told), "nor to take off from, with an open lock"

@@ -149,6 +149,19 @@ def test_a_tick_that_is_a_little_late_is_no_jump_of_a_reference_that_is_given_ju
     assert Assumption.REFERENCE not in flown.column("assumption")[flown.times > 2.8]
 
 
+def test_a_reference_that_begins_with_the_flight_of_a_drone_has_not_jumped() -> None:
+    room = Room(ADAPTIVE)
+    flown = room.fly(1.5)
+    assert flown.from_on(0.4).sum() > 50
+    assert Assumption.REFERENCE not in flown.column("assumption")
+    room.pilot.hand_over(0)
+    room.fly(1.6)
+    room.pilot.set_goal(0, [0.0, 0.0, 1.0])
+    flown = room.fly(3.0)
+    assert flown.from_on(1.6).sum() > 50
+    assert Assumption.REFERENCE not in flown.column("assumption")
+
+
 def since_when(flown: Flown, begin: float) -> float:
     """How long after a time the guarantee was last claimed, s."""
     claimed = flown.times[(flown.times >= begin) & (flown.column("guaranteed") == 1.0)]
