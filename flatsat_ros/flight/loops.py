@@ -18,7 +18,7 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight import Flight
 from flatsat_ros.certificate.sets import Place
 from flatsat_ros.flight.assumptions import Assumption, Monitors, Seen
-from flatsat_ros.flight.doubt import Doubt
+from flatsat_ros.flight.doubt import Carried, Doubt
 from flatsat_ros.flight.estimator import Estimator
 from flatsat_ros.flight.guarantee import Assessment, GuaranteeMonitor
 from flatsat_ros.flight.policy import Policy
@@ -170,6 +170,7 @@ class PredictedLoop(Loop):
         self._preview = Preview(references, horizontal, vertical)
         self._monitors = Monitors(flight, self._most, references)
         self._doubt = Doubt(flight, self._monitors.innovations, count)
+        self._carried = Carried(float(self._monitors.innovations[1]), horizontal.period, count)
         self._doubts, self._gain = np.zeros((count, 2), dtype=bool), np.ones(count)
         self._feedback = -certificate.matrix[:, 3:]
         self._second = horizontal.model.frequency > 0.0 or vertical.model.frequency > 0.0
@@ -225,8 +226,9 @@ class PredictedLoop(Loop):
             innovation = _sizes(self._predictor.innovation)
             if drones.touching is not None:  # what carries a drone is in no model
                 innovation[drones.touching] = 0.0
-            if drones.landing is not None:  # nor is a table on which it lands
-                innovation[drones.landing & (self._predictor.innovation[:, 2] > 0.0), 1] = 0.0
+            if drones.landing is not None:  # nor is a table that nobody knew of
+                higher, height = self._predictor.innovation[:, 2], self._estimator.measured[:, 2]
+                innovation[self._carried.look(now, drones.landing, higher, height)] = 0.0
             doubt.rest(now, drones.resting())
             doubt.look(now, airborne, self._predictor.age, innovation)
         if doubt.any:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.crazyflie.fit import LINK_DELAY
 from flatsat_ros.crazyflie.vehicle import load_vehicle
-from flatsat_ros.flight.doubt import Doubt
+from flatsat_ros.flight.doubt import Carried, Doubt
 from flatsat_ros.flight.estimator import Estimator
 from flatsat_ros.flight.guidance import Guidance
 from flatsat_ros.flight.modes import Mode
@@ -57,6 +57,18 @@ def test_the_law_gets_an_error_that_is_smaller_along_doubted_axes_alone_whatever
             alone[0, entry] = 1.0
             push = -gain * doubt.soften(alone, np.array([doubts]), np.array([gain])) @ CERTIFICATE.matrix[:, 3:]
             assert SOFTEST < -push[0, axis] < SOFT
+
+
+@given(sink=st.floats(-1.0, 1.0), higher=st.floats(0.0, 0.05), ticks=st.integers(1, 20), pause=st.integers(0, 3))
+def test_who_lands_higher_than_expected_and_stays_there_is_carried_and_who_moves_on_is_not(
+    sink: float, higher: float, ticks: int, pause: int
+) -> None:
+    carried, both = Carried(0.003, 0.02, 2), np.array([True, False])
+    carried.look(0.0, both, np.full(2, 0.01), np.full(2, 5.0))  # another time, elsewhere
+    for tick in range(ticks):
+        now, height = 0.02 * (2 + pause + tick), 0.7 - 0.02 * sink * tick
+        found = carried.look(now, both, np.full(2, higher), np.full(2, height))
+        assert found.tolist() == [higher > 0.003 and abs(height - 0.7) < 0.01, False]
 
 
 @given(seen=STRANGE, begin=st.floats(0.0, 1e5))

@@ -27,6 +27,7 @@ from flatsat_ros.sim.sensor import Sample
 _TUNING = (2.0, 0.05, 1.0)
 _DISTURBANCE_MAX, _THRUST_ERROR_MAX = 0.8, 0.25
 _STANDING, _TAKEN = 1.0, 0.3  # s before the first take-off, and before a drone is taken over in the air
+_DISARMS = 3.0  # s after a landing, in which the firmware disarms a drone that a person must arm
 _PATIENCE, _LANDING = 40.0, 30.0  # s until drones are where they were sent, or stand
 _SLICE = 0.2  # s
 _HEIGHTS = 0.4, 1.8  # m, of what drones fly at
@@ -152,6 +153,8 @@ class OrdinaryFlight:
 
     def _take_off(self) -> None:
         self._begin("take off")
+        if self._drawn.vehicle.motors.arming_required:
+            self._pass(_DISARMS)
         for index in range(self._count):
             self._fleet.firmware.request_arming(index, True)
         height = float(self._random.uniform(*_HEIGHTS))

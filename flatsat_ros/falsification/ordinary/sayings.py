@@ -58,6 +58,11 @@ ALLOWED = (
     Allowed(r"its goal (waits|is near) .*|its way is clear: it sets out", "other drones are in the way"),
     Allowed(r"tube not claimed: it is disturbed, .*", "the wind is more than is assumed", lambda drawn, _: drawn.blows),
     Allowed(_NOT_EXPECTED, "what is not known yet of its thrust disturbs it", _doing("take off", "take over")),
+    Allowed(
+        r"tube not claimed: its applied gain is outside the interval, .*",
+        "until it has left the ground for a while it is flown softly sideways, and the wind blows it off",
+        lambda drawn, said: drawn.blows and said.doing == "take off",
+    ),
     Allowed(_NOT_EXPECTED, "a table carries it that nobody knew of", _ON_TABLE),
     Allowed(
         r"tube not claimed: it is outside its tube although all seems to be as assumed, .*",
