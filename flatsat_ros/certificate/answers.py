@@ -42,13 +42,14 @@ _SLACK, _ROUNDS = 1e-6, 60
 class Answers:
     """Bounds of what signals C z answer to inputs, z+ = A z + B w, and to starts z(0), the columns of Z.
 
-    Infinite where the loop is not stable. N is the number of loops.
+    Infinite where the loop is not stable. N is the number of loops. Of the p signals the last e are not followed.
 
     Attributes:
         sums: (N, p, m) sum_i |C A^i B|.
         peaks: (N, p, k) max_i |C A^i Z|; infinite, so that nothing is claimed, but for the last factor.
-        vertex_sums: (N, V, p, f) the first f sums, with each term moved by its derivative in the direction of a vertex.
-        vertex_peaks: (N, V, p, k) likewise.
+        vertex_sums: (N, V, p - e, f) the first f sums, with each term moved by its derivative in the direction of a
+            vertex.
+        vertex_peaks: (N, V, p - e, k) likewise.
     """
 
     sums: FloatArray
@@ -66,6 +67,7 @@ def answers(
     kicks: Enclosure,
     vertices: FloatArray,
     factors: Sequence[float] = (1.0,),
+    plain: int = 0,
 ) -> list[Answers]:
     """Return bounds of what loops answer, hardly above what they do answer, for each of some factors.
 
@@ -78,11 +80,14 @@ def answers(
         kicks: (N, d, n, f) those of the first f columns of B, which are followed to first order; starts are, too.
         vertices: (N, V, d) points of the parameters.
         factors: at least 1, by which z+ is multiplied in every period: of the loop with r A, r B and so on.
+        plain: e, so many last rows of C have sums for the loops themselves alone.
     """
     count, moving = len(A.mid), vertices.any(axis=(0, 1))  # the other parameters are what they are in the middle
     steps, kicks, vertices = steps[:, moving], kicks[:, moving], vertices[..., moving]
     parts = [slice(i, i + _BATCH) for i in range(0, count, _BATCH)]
-    found = [_Sums(A[s], B[s], starts, signals[s], steps[s], kicks[s], vertices[s], factors).all() for s in parts]
+    found = [
+        _Sums(A[s], B[s], starts, signals[s], steps[s], kicks[s], vertices[s], factors, plain).all() for s in parts
+    ]
     return [
         Answers(*(np.concatenate([np.asarray(getattr(part, name)) for part in same]) for name in _NAMES))
         for same in zip(*found, strict=True)
@@ -97,18 +102,20 @@ class _Running:
     """What changes while loops are summed, and what is multiplied for it: arrays with one entry per loop.
 
     The b columns that are followed are f inputs and the k starts; c is the number of the others, F that of the factors.
+    Of rows there are p signals that are followed, n of the unit matrix and e signals that are not.
 
     Attributes:
         place: (N,) of each loop among those of the batch.
         waiting: (N, F) for which factors it still remembers.
-        rows: (N, p + n, n), C A^i and A^i at the chunk's beginning.
+        rows: (N, p + n + e, n), C A^i and A^i at the chunk's beginning.
         turns: (N, d, p + n, 2 n), their derivatives, and beside them the rows again.
-        rows_size, turns_size: (N, p + n, n), sizes of the rows and, times the reach, of their derivatives together.
-        rows_sum, turns_sum: (N, F, p + n, n), sums of these over the chunks.
-        plain, others: (N, p + n, f, F) and (N, p + n, c, F), sums of the answers' sizes.
+        rows_size, turns_size: (N, p + n + e, n) and (N, p + n, n), sizes of the rows and, times the reach, of their
+            derivatives together.
+        rows_sum, turns_sum: (N, F, p + n + e, n) and (N, F, p + n, n), sums of these over the chunks.
+        plain, others: (N, p + n + e, f, F) and (N, p + n + e, c, F), sums of the answers' sizes.
         vertex, bent: (N, V, p, f, F) and (N, n, f, F), likewise; those of the state's derivatives, times the reach.
-        peaks, vertex_peaks, bent_peaks: (N, p + n, 16 k), (N, V, p, 16 k) and (N, n, 16 k), largest ones to starts for
-            the last factor, at each period of a chunk.
+        peaks, vertex_peaks, bent_peaks: (N, p + n + e, 16 k), (N, V, p, 16 k) and (N, n, 16 k), largest ones to
+            starts for the last factor, at each period of a chunk.
         moved, moved_others: (N, n, 16 b) and (N, n, 16 c), A^j of the columns, of each the periods of a chunk.
         turned: (N, d, 2 n, 16 b), A^j of the followed columns and, below, their derivatives: times turns derivatives.
         power, slope: (N, n, n) A^j over the whole chunk, and (N, d, 2 n, n) with its derivatives below.
@@ -139,15 +146,19 @@ class _Running:
     shares: FloatArray
     reach: FloatArray
 
-    def answer(self, which: slice, values: FloatArray, vertex: FloatArray) -> None:
+    def answer(self, which: slice, values: FloatArray, vertex: FloatArray, alone: FloatArray) -> None:
         """Write the sizes of what some of the followed columns answer in a chunk.
 
         Args:
             which: of the columns, each with its 16 periods.
             values: (N, 1 + d, p + n, columns), to write to, the answers and their derivatives.
             vertex: (N, V, p, columns), to write to, the combinations at the vertices.
+            alone: (N, e, columns), to write to, the answers of the signals that are not followed.
         """
-        np.matmul(self.rows, self.moved[..., which], out=values[:, 0])
+        both = values.shape[2]
+        np.matmul(self.rows[:, :both], self.moved[..., which], out=values[:, 0])
+        np.matmul(self.rows[:, both:], self.moved[..., which], out=alone)
+        np.abs(alone, out=alone)
         np.matmul(self.turns, self.turned[..., which], out=values[:, 1:])
         np.matmul(self.shares, _flat(values[:, :, : vertex.shape[2]], 2), out=_flat(vertex, 2))
         np.abs(values, out=values)
@@ -174,9 +185,11 @@ class _Sums:
         kicks: Enclosure,
         vertices: FloatArray,
         factors: Sequence[float],
+        plain: int,
     ) -> None:
         N, n, m = B.shape
         self.shape = N, n, m, starts.shape[1], kicks.shape[3]
+        self.followed = signals.shape[1] - plain
         d, f, k = kicks.shape[1], kicks.shape[3], starts.shape[1]
         first = Enclosure(np.zeros((N, n, k)) + starts)
         followed, others = _joined(B[..., :f], first), B[..., f:]
@@ -216,22 +229,24 @@ class _Sums:
     def _beginning(self) -> _Running:
         """Return rows of the first chunk, and nothing gathered."""
         N, n, m, k, f = self.shape
-        p, d, V, F = self.signals.shape[1], self.reach.shape[1], self.shares.shape[1], len(self.chunk)
-        rows = np.concatenate([self.signals.mid, np.broadcast_to(np.eye(n), (N, n, n))], axis=1)
+        p, d, V, F = self.followed, self.reach.shape[1], self.shares.shape[1], len(self.chunk)
+        own, unit = self.signals.mid, np.broadcast_to(np.eye(n), (N, n, n))
+        rows = np.concatenate([own[:, :p], unit, own[:, p:]], axis=1)
+        all_rows, followed = rows.shape[1], rows[:, : p + n]
         return _Running(
             place=np.arange(N),
             waiting=np.ones((N, F), dtype=bool),
             rows=rows,
-            turns=np.concatenate([np.zeros((N, d, p + n, n)), np.zeros((N, d, p + n, n)) + rows[:, None]], axis=3),
+            turns=np.concatenate([np.zeros((N, d, p + n, n)), np.zeros((N, d, p + n, n)) + followed[:, None]], axis=3),
             rows_size=np.abs(rows),
             turns_size=np.zeros((N, p + n, n)),
-            rows_sum=np.zeros((N, F, p + n, n)),
+            rows_sum=np.zeros((N, F, all_rows, n)),
             turns_sum=np.zeros((N, F, p + n, n)),
-            plain=np.zeros((N, p + n, f, F)),
-            others=np.zeros((N, p + n, m - f, F)),
+            plain=np.zeros((N, all_rows, f, F)),
+            others=np.zeros((N, all_rows, m - f, F)),
             vertex=np.zeros((N, V, p, f, F)),
             bent=np.zeros((N, n, f, F)),
-            peaks=np.zeros((N, p + n, k * _CHUNK)),
+            peaks=np.zeros((N, all_rows, k * _CHUNK)),
             vertex_peaks=np.zeros((N, V, p, k * _CHUNK)),
             bent_peaks=np.zeros((N, n, k * _CHUNK)),
             moved=self.moved.mid.copy(),
@@ -246,37 +261,41 @@ class _Sums:
     def all(self) -> list[Answers]:
         """Sum up."""
         N, n, m, k, f = self.shape
-        p, d, V, F = self.signals.shape[1], self.reach.shape[1], self.shares.shape[1], len(self.chunk)
-        found = [tuple(np.full(shape, np.inf) for shape in ((N, p, m + k), (N, V, p, f + k))) for _ in range(F)]
+        p, d, V, F = self.followed, self.reach.shape[1], self.shares.shape[1], len(self.chunk)
+        e, both = self.signals.shape[1] - p, p + n
+        found = [tuple(np.full(shape, np.inf) for shape in ((N, p + e, m + k), (N, V, p, f + k))) for _ in range(F)]
         now, scale, ever = self._beginning(), np.ones(F), range(_PERIODS_MAX // _CHUNK)
         # products go to memory that is there: to be given some would take longer than to multiply
-        shapes = (N, 1 + d, p + n, f * _CHUNK), (N, V, p, f * _CHUNK), (N, p + n, (m - f) * _CHUNK)
+        columns = f * _CHUNK
+        shapes = (N, 1 + d, both, columns), (N, V, p, columns), (N, e, columns), (N, both + e, (m - f) * _CHUNK)
         memory = [np.empty(shape) for shape in shapes]
         totals = [np.empty((*shape[:-1], shape[-1] // _CHUNK, F)) for shape in shapes]
-        begun = np.empty((N, 1 + d, p + n, k * _CHUNK)), np.empty((N, V, p, k * _CHUNK))
-        followed, started = slice(f * _CHUNK), slice(f * _CHUNK, None)
+        begun = [np.empty((*shape[:-1], k * _CHUNK)) for shape in shapes[:3]]
+        followed, started = slice(columns), slice(columns, None)
         with np.errstate(all="ignore"):  # of loops that are not stable all grows beyond all numbers
             for number in ever:
                 count = len(now.place)
                 if not count:
                     break
-                values, vertex, others = (array[:count] for array in memory)
-                now.answer(followed, values, vertex)
+                values, vertex, alone, others = now_in = [array[:count] for array in memory]
+                now.answer(followed, values, vertex, alone)
                 np.abs(np.matmul(now.rows, now.moved_others, out=others), out=others)
-                sums, vertex_sums, others_sums = (array[:count] for array in totals)
-                for array, total in ((values, sums), (vertex, vertex_sums), (others, others_sums)):
+                sums, vertex_sums, alone_sums, others_sums = now_out = [array[:count] for array in totals]
+                for array, total in zip(now_in, now_out, strict=True):
                     np.matmul(array.reshape(-1, _CHUNK), self.inputs * scale, out=_flat(total, -1))
                 now.vertex[:] += vertex_sums
                 now.others[:] += others_sums
                 reach, turns = now.reach[:, :, None, None], now.turns[..., :n]
-                now.plain[:] += sums[:, 0]
+                now.plain[:, :both] += sums[:, 0]
+                now.plain[:, both:] += alone_sums
                 now.bent[:] += (reach[..., None] * sums[:, 1:, p:]).sum(axis=1)
                 if k:
-                    values, vertex = (array[:count] for array in begun)
-                    now.answer(started, values, vertex)
-                    for array in (values, vertex):
+                    values, vertex, alone = begun_now = [array[:count] for array in begun]
+                    now.answer(started, values, vertex, alone)
+                    for array in begun_now:
                         array *= scale[-1] * self.starts
-                    np.maximum(now.peaks, values[:, 0], out=now.peaks)
+                    for array, part in ((values[:, 0], now.peaks[:, :both]), (alone, now.peaks[:, both:])):
+                        np.maximum(part, array, out=part)
                     np.maximum(now.vertex_peaks, vertex, out=now.vertex_peaks)
                     bent = (reach * values[:, 1:, p:]).sum(axis=1)
                     np.maximum(now.bent_peaks, bent, out=now.bent_peaks)
@@ -284,18 +303,20 @@ class _Sums:
                 now.turns_sum[:] += scale[:, None, None] * now.turns_size[:, None]
                 turns[:] = now.turns @ now.slope
                 now.rows[:] = now.rows @ now.power
-                now.turns[..., n:] = now.rows[:, None]
+                now.turns[..., n:] = now.rows[:, None, :both]
                 np.abs(now.rows, out=now.rows_size)
                 np.sum(reach * np.abs(turns), axis=1, out=now.turns_size)
                 scale = scale * self.chunk
-                left = now.rows_size + now.turns_size
+                left = now.rows_size.copy()
+                left[:, :both] += now.turns_size
+                state = slice(p, both)
                 # of each entry alone no less is left; loops that grow are looked for now and then
-                alone = np.einsum("ijj->ij", left[:, p:]).max(axis=1)[:, None] * scale
-                if number % _GIVE_UP and (alone >= _FORGOTTEN)[now.waiting].all():
+                single = np.einsum("ijj->ij", left[:, state]).max(axis=1)[:, None] * scale
+                if number % _GIVE_UP and (single >= _FORGOTTEN)[now.waiting].all():
                     continue
-                sizes = now.others[:, p:].sum(axis=2) + (now.plain[:, p:] + now.bent).sum(axis=2)
-                sizes[..., -1] += (now.peaks[:, p:] + now.bent_peaks).sum(axis=2)
-                remembered = (scale * (left[:, p:] @ sizes) / sizes).max(axis=1)
+                sizes = now.others[:, state].sum(axis=2) + (now.plain[:, state] + now.bent).sum(axis=2)
+                sizes[..., -1] += (now.peaks[:, state] + now.bent_peaks).sum(axis=2)
+                remembered = (scale * (left[:, state] @ sizes) / sizes).max(axis=1)
                 done = now.waiting & ((remembered < _FORGOTTEN) | ~(remembered < 1e12))
                 now.waiting[done] = False
                 for place in np.flatnonzero(done.any(axis=1))[::-1].tolist():
@@ -313,17 +334,20 @@ class _Sums:
             now: what was gathered.
             place: of the loop in it.
             number: of the factor.
-            left: (p + n, n) bound of the rows that are left and of their derivatives, times their reach.
+            left: (p + n + e, n) bound of the rows that are left and of their derivatives, times their reach.
             found: to write to.
         """
-        _, _, _, k, f = self.shape
+        _, n, _, k, f = self.shape
         i, last = int(now.place[place]), number == len(self.chunk) - 1
         b = f + k if last else f  # to starts for the last factor alone
-        p, grown = self.signals.shape[1], self.chunk[number]
+        p, grown = self.followed, self.chunk[number]
+        both = p + n
         weight, turned = now.rows_sum[place, number], now.turns_sum[place, number]
         power = grown * self.wrong_power[i]
-        q = weight @ (power + grown * self.wrong_slope[i]) + turned @ power + left
-        q[:p] += self.signals.rad[i]
+        q = weight @ power + left
+        q[:both] += weight[:both] @ (grown * self.wrong_slope[i]) + turned @ power
+        q[:p] += self.signals.rad[i, :p]
+        q[both:] += self.signals.rad[i, p:]
         off, kicks, others = grown * self.off[i, :, :b], grown * self.kicks[i, :, :b], grown * self.off_others[i]
         plain, vertex = now.plain[place, ..., number], now.vertex[place, ..., number]
         own = now.bent[place, ..., number]
@@ -332,18 +356,19 @@ class _Sums:
                 np.concatenate([sums, peaks[place].reshape(*sums.shape[:-1], k, _CHUNK).max(axis=-1)], axis=-1)
                 for sums, peaks in ((plain, now.peaks), (vertex, now.vertex_peaks), (own, now.bent_peaks))
             )
-        added, bent = weight @ off, turned @ off + weight @ kicks
+        added, bent = weight @ off, turned @ off + weight[:both] @ kicks
         vertex = vertex + added[:p] + bent[:p]
         plain = np.concatenate([plain + added, now.others[place, ..., number] + weight @ others], axis=1)
-        state = plain[p:].copy()
+        state = plain[p:both].copy()
         state[:, :b] += own + bent[p:]
         state = state * UP + TINY
         q = q * UP + TINY
-        bound = self._implied(state, q[p:])
+        bound = self._implied(state, q[p:both])
         if bound is None:
             return
-        rest = q[:p] @ bound
-        sums, vertex = (plain[:p] + rest) * UP + TINY, (vertex + rest[:, :b]) * UP + TINY
+        rows = [*range(p), *range(both, len(q))]
+        rest = q[rows] @ bound
+        sums, vertex = (plain[rows] + rest) * UP + TINY, (vertex + rest[:p, :b]) * UP + TINY
         found[0][i][:, :b], found[0][i][:, f + k :], found[1][i][..., :b] = sums[:, :b], sums[:, b:], vertex
 
     @staticmethod

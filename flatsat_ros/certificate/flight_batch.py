@@ -138,7 +138,8 @@ class Cells:
 
     Attributes:
         loop: of the plants in the middle.
-        vertices, steady: (B, V, m + 1), and changing: (B, m), as of a `Cell`, nearest floats; rounded by a share of u.
+        vertices, steady: (B, V, m + 1), directions: (B, U, m), and changing: (B, m), as of a `Cell`, nearest floats;
+            rounded by a share of u.
         port_gain, port_gain_error, share_error, drag_error: (B,) as of a `Cell`.
         pulse: (B, n, 1) column of an impulse at the last row where the command changes.
         difference: row (1, n + 1) of the command before the change less the one after it.
@@ -153,6 +154,7 @@ class Cells:
             for name in ("vertices", "steady", "changing")
         )
         self.changing = self.changing * UP
+        self.directions = np.array([cell.directions for cell in cells], dtype=object).astype(np.float64)
         self.port_gain, self.port_gain_error, self.share_error, self.drag_error = (
             np.array([upper(getattr(cell, name)) for cell in cells])
             for name in ("port_gain", "port_gain_error", "share_error", "drag_error")
@@ -223,6 +225,17 @@ class Cells:
             found.append(Stretch(radius, concatenate(nodes, -2), slope))
             state = later(state, time)
         return found
+
+    @cached_property
+    def pulls(self) -> Enclosure:
+        """Rows (B, k U, n + 1) of p'F in each direction p, at the nodes of the stretches."""
+        found, m = [], self.on_state.shape[1]
+        for stretch in self.stretches:
+            mid, rad = (a.reshape(len(a), -1, m, a.shape[-1]) for a in (stretch.nodes.mid, stretch.nodes.rad))
+            pulls = self.directions[:, None] @ Enclosure(mid, rad)
+            shape = len(mid), -1, mid.shape[-1]
+            found.append(Enclosure(pulls.mid.reshape(shape), pulls.rad.reshape(shape)))
+        return enclosed(concatenate(found, -2))
 
     @cached_property
     def model_slopes(self) -> Enclosure:

@@ -50,7 +50,8 @@ class Bounds:
 
     Columns of inputs are named parts: those that are followed to first order, then those that are not. Rows of signals:
     e, e', v0, D/g - d^; the difference of commands and, of each stretch, x' at its beginning and nodes of F; then the
-    errors of the estimated velocity and the model's x^' at the beginning of each of its stretches.
+    errors of the estimated velocity and the model's x^' at the beginning of each of its stretches. Of plants of second
+    order there are p'F in each direction p of the vertices at the nodes, too, not followed to first order.
 
     Attributes:
         cells: the plants.
@@ -79,6 +80,7 @@ class Bounds:
         self.pose_age = upper(cells.loop.pose_age)
         # distances that are what they are for all of a flight: to these the answer is known to first order
         self._vertices = cells.steady if lag_varies else cells.vertices
+        self._moved = np.abs(cells.vertices[..., :-1]).max(axis=1) * UP
         self._changing = cells.changing if lag_varies else np.zeros_like(cells.changing)
         gain = (decimal(gain_min) + decimal(gain_max)) / 2
         self._deviation = upper((decimal(gain_max) - decimal(gain_min)) / 2)
@@ -120,6 +122,12 @@ class Bounds:
             blocks += [stretch.slope, stretch.nodes]
         self._seen = 4 + sum(block.shape[-2] for block in blocks)
         blocks += [cells.lateness, cells.model_slopes]
+        # by direction, if it stays what it is, sums are about half of those of its parts, which swing at other times
+        self._directed = cells.directions.size > 0 and not lag_varies
+        self._rows, plain = 4 + sum(block.shape[-2] for block in blocks), 0
+        if self._directed:
+            blocks.append(cells.pulls)
+            plain = blocks[-1].shape[-2]
         others = concatenate(blocks, -2)
         self._followed = self._part["pulse"].start
         steps = cells.derivatives
@@ -144,6 +152,7 @@ class Bounds:
             kicks,
             self._vertices,
             factors,
+            plain,
         )
         self._direct = enclosed(others[..., size]).size
         self._take(0)
@@ -163,7 +172,7 @@ class Bounds:
         self.sums, self._peaks = found.sums, found.peaks
         self._vertex_sums, self._vertex_peaks = found.vertex_sums, found.vertex_peaks
         self.sums[..., 4:, changes] += self._direct
-        self._vertex_sums[..., 4:, changes] += self._direct[:, None]
+        self._vertex_sums[..., 4:, changes] += self._direct[:, None, : self._rows - 4]
 
     def amplitudes(self, drive: FloatArray | float, **others: FloatArray | float) -> FloatArray:
         """Return bounds (B, columns) of all inputs, with what interpolation adds to those that act within a period."""
@@ -219,6 +228,25 @@ class Bounds:
             begin += x + count
         return bound + _apply(self._on_state, leak)
 
+    def _pulled_between(self, at_nodes: FloatArray, values: FloatArray, leak: FloatArray) -> FloatArray:
+        """Return bounds of p'F (...) at all times and for all plants, from those in each direction at the nodes.
+
+        Args:
+            at_nodes: (..., B, k U) bounds of it at the nodes.
+            values: (..., B, rows) bounds of the signals at ticks.
+            leak: (B, x) by how much inputs within a period move x.
+        """
+        x, begin, first = self.cells.growth.shape[-1], 5, 0
+        moved, bound = self._moved, np.zeros(values.shape[:-1])
+        for stretch in self.cells.stretches:
+            count = stretch.nodes.shape[-2]
+            nodes = count // self._on_state.shape[1] * self.cells.directions.shape[1]
+            way = stretch.radius[:, None] * _apply(self._reach, values[..., begin : begin + x])
+            peaks = at_nodes[..., first : first + nodes].max(axis=-1)
+            bound = np.maximum(bound, peaks + (moved * way).sum(axis=-1))
+            begin, first = begin + x + count, first + nodes
+        return np.asarray(bound + (moved * _apply(self._on_state, leak)).sum(axis=-1))
+
     def _bend_between(self, values: FloatArray, leak: FloatArray) -> FloatArray:
         """Return bounds of e'' (B,) at all times; the arguments are those of `_seen_between`, (B, rows) and (B, x)."""
         x, begin, bend = self.cells.growth.shape[-1], 5, np.zeros(len(values))
@@ -246,7 +274,7 @@ class Bounds:
         bend = _apply(A, moving)[:, 1] + cells.drag_error * moving[:, 1] + drives.rate
 
         A, B = self._model
-        model_slope = values[:, self._seen + 2 :].reshape(len(values), -1, len(B)).max(axis=1)
+        model_slope = values[:, self._seen + 2 : self._rows].reshape(len(values), -1, len(B)).max(axis=1)
         model_leak = self._model_growth @ B * h * drives.model
         model_moving = model_slope @ self._model_growth.T + A @ model_leak + B * drives.model
         bend = bend + model_moving @ A[1]
@@ -278,8 +306,8 @@ class Bounds:
             drives: what acts.
         """
         cells, sums, at, h = self.cells, self.sums, self._vertex_sums, self.cells.period
-        E, count = cells.loop.body.system[2], len(self.sums)
-        late, moved = cells.vertices[..., -1].max(axis=1) * UP, np.abs(cells.vertices[..., :-1]).max(axis=1) * UP
+        E, count, rows = cells.loop.body.system[2], len(self.sums), self._rows
+        late, moved = cells.vertices[..., -1].max(axis=1) * UP, self._moved
         steady = np.abs(self._vertices[..., :-1]).max(axis=1) * UP
         last = cells.growth[..., -1]
         late_shape = (late**2 / 2.0 * cells.port_gain)[:, None] * _apply(self._dynamics, last)
@@ -301,19 +329,26 @@ class Bounds:
             leak = last * (h * (drive + drives.drive) + late * cells.port_gain * difference)[:, None]
             leak = leak + cells.growth[..., 1] * (h * (h * drives.rate + push))[:, None]
             left, seen = self._seen_between(np.stack([rest, plain]), leak)
-            changing = (self._changing * seen).sum(axis=1) + _NEAREST * (moved * seen).sum(axis=1)
+            nearest = _NEAREST * (moved * seen).sum(axis=1)
+            changing, pulled = (self._changing * seen).sum(axis=1) + nearest, (steady * left).sum(axis=1)
+            if self._directed:
+                pulled = self._pulled_between(rest[:, rows:], rest, leak)
             wider = rest[:, 4] + (cells.port_gain_error / cells.port_gain + _NEAREST) * difference
-            further = np.stack([(steady * left).sum(axis=1) + changing, wider, difference, push], 1)
-            second = _apply(effects, further) + always
+            further = np.stack([pulled + changing, wider, difference, push], 1)
+            second = (_apply(effects, further) + always)[:, :rows]
             first = at_vertices + first_change * change[:, None, None] + first_noise * late_pose[:, None, None]
-            whole = np.minimum(plain, first.max(axis=1) + second)
+            whole = np.minimum(plain[:, :rows], first.max(axis=1) + second)
             seen = self._seen_between(whole, leak)
             bend = self._bend_between(whole, leak) + h * drives.rate + push
             jolt = E * push[:, None]
             jolt[:, -1] += drive + drives.drive + np.where(late > 0.0, cells.port_gain * difference, 0.0)
             pose = self._late_pose(whole, leak, jolt, drives) if drives.other_age > 0.0 else np.zeros(count)
             velocity = whole[:, 1] + h / 2.0 * bend  # half a period from a tick at most
-            following = [(moved * seen).sum(axis=1), whole[:, 4], self._deviation * whole[:, 2], pose]
+            separating = (moved * seen).sum(axis=1)
+            if self._directed:
+                directed = self._pulled_between(plain[:, rows:], whole, leak) + nearest
+                separating = np.minimum(separating, directed)
+            following = [separating, whole[:, 4], self._deviation * whole[:, 2], pose]
             return whole[:, :4], np.stack([*following, cells.drag_error * velocity], 1), bend
 
         tracked, bends, point = np.full((count, 4), np.inf), np.full(count, np.inf), np.zeros((count, 5))

@@ -93,6 +93,7 @@ class Cell:
         parameters: q^ of the middle, in the order of `Plant.parameters`.
         vertices: distances (p_1, ..., p_m, s) of plants of which all those of the box are convex combinations; s is
             that of the delay.
+        directions: the same (p_1, ..., p_m), each once, if they are the last row's of the second order; else none.
         steady: if lag, frequency and damping change in flight, the distances that do not, of the first order
             (0, (g - g^) q^_0, s).
         changing: and bounds (p_1, ..., p_m) of the rest.
@@ -127,6 +128,7 @@ class Cell:
             if second:
                 p[3] -= tilt * p[0]
             self.vertices.append([*p, s])
+        self.directions = [p for *p, _ in self.vertices[:: len(delays)]] if second else []
         errors = [Fraction(0)] if second else [decimal(g) - gain for g in _ends(low.gain, high.gain)]
         self.steady = []
         for error, s in itertools.product(errors, delays):
@@ -143,7 +145,8 @@ class Cell:
         """Return what is the same for cells that can be computed side by side."""
         timing = Timing.of(design, self.delay, pose_age)
         acting = [tuple(index for index, _ in part) for part in (timing.plant, timing.plant_young)]
-        return len(self.parameters), len(self.vertices), len(self.steady), timing.depth, *acting
+        counts = len(self.vertices), len(self.directions), len(self.steady)
+        return len(self.parameters), *counts, timing.depth, *acting
 
 
 def _second_order(low: Plant, high: Plant) -> list[tuple[Fraction, Fraction]]:

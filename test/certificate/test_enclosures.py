@@ -100,11 +100,12 @@ def loop_holds(seed: int, forgets: bool) -> bool:
         Enclosure(A[None]),
         Enclosure(B[None]),
         start,
-        Enclosure(C[None]),
+        Enclosure(np.stack([C[0], C[0]])[None]),  # followed, and for itself alone
         Enclosure(step[None]),
         Enclosure(kick[None]),
         vertices[None],
         factors,
+        plain=1,
     )
     if not all(np.isfinite(part.sums).all() for part in found):
         return not forgets
@@ -120,9 +121,9 @@ def loop_holds(seed: int, forgets: bool) -> bool:
                 bent[i] += abs(exact(C) @ (power @ exact(B)[:, :1] + share * turned))[0, 0] * factor
                 moved_peak[i] = max(moved_peak[i], abs(exact(C) @ (power + share * slope) @ exact(start))[0, 0])
             power, slope = factor * power @ exact(A), factor * (slope @ exact(A) + power @ exact(step[0]))
-        pairs += [(part.sums[0], total), (part.vertex_sums[0, :, 0, 0], bent)]
+        pairs += [(part.sums[0, :1], total), (part.sums[0, 1:], total), (part.vertex_sums[0, :, 0, 0], bent)]
     # of starts they are those for the last factor
-    pairs += [(part.peaks[0], exact(np.zeros((1, 1))) + peak), (part.vertex_peaks[0, :, 0, 0], moved_peak)]
+    pairs += [(part.peaks[0], exact(np.zeros((2, 1))) + peak), (part.vertex_peaks[0, :, 0, 0], moved_peak)]
     assert not np.isfinite(found[0].peaks).any()
     assert all((exact(bound) <= (1 + Fraction(1, 100)) * true + Fraction(1, 10**9)).all() for bound, true in pairs)
     return all(bool((exact(bound) >= true).all()) for bound, true in pairs)

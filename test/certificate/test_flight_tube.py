@@ -181,6 +181,29 @@ def test_no_attack_leaves_the_tube_while_the_lag_changes() -> None:
         assert reached[1] <= tube.nominal
 
 
+# a corner of what is known of an identified drone, and a controller for all of that
+IDENTIFIED = Design.predicting(
+    PERIOD, Plant(0.03353, frequency=15.64, damping=0.6404, tilt=-0.26, drag=0.41), (0.3396, 3.505, 10.08), 37.79, 18.96
+)
+CORNER = Box(
+    Plant(0.0488, frequency=12.5, damping=0.5904, gain=0.7921, tilt=-0.26, drag=0.41),
+    Plant(0.05, frequency=12.83, damping=0.6, gain=0.8019, tilt=-0.26, drag=0.41),
+)
+
+
+def test_what_separates_plants_of_the_second_order_is_bounded_by_direction() -> None:
+    assumptions, reached = replace(STILL, acceleration=0.4), np.zeros(2)
+    exact = cell_tube(IDENTIFIED, Box(*[replace(CORNER.low, delay=0.05, damping=0.6)] * 2), 1.0, 1.5, assumptions)
+    tube = cell_tube(IDENTIFIED, CORNER, 1.0, 1.5, assumptions)
+    assert exact.position <= tube.position <= 1.1 * exact.position  # by its parts it is 1.15
+    random = np.random.default_rng(5)
+    for number in range(16):
+        plant = some_plant(CORNER, random, corner=number < 12)
+        for gain in (1.0, 1.5):
+            reached = np.maximum(reached, attacked(IDENTIFIED, plant, assumptions, np.full(500, gain)))
+    assert (reached <= [tube.position, tube.nominal]).all()
+
+
 LEANING = Box(replace(BOXES["second"].low, tilt=-0.3), replace(BOXES["second"].high, frequency=17.0, tilt=-0.05))
 
 
@@ -207,6 +230,12 @@ def test_every_plant_of_a_box_is_between_the_vertices_of_its_cell(seed: int, box
     x, c = random.standard_normal(plant.size), random.standard_normal()
     design = DESIGNS["second" if box.low.frequency > 0.0 else "first"]
     alone = Cells(design, [cell], Fraction(0))
+    if cell.directions:
+        z = np.concatenate([x, random.standard_normal(alone.loop.size - len(x) + 1)])
+        parts = np.concatenate([stretch.nodes.mid[0] for stretch in alone.stretches]) @ z
+        directed = np.array(cell.directions).astype(float) @ parts.reshape(-1, len(p)).T
+        np.testing.assert_allclose(alone.pulls.mid[0] @ z, directed.T.ravel(), rtol=1e-9, atol=1e-9)
+        np.testing.assert_array_equal(np.unique(vertices[:, :-1], axis=0), np.unique(alone.directions[0], axis=0))
     signals = alone.on_state.mid[0] @ x + alone.on_command.mid[0, :, 0] * c
     middle = Dynamics([float(q) for q in cell.parameters], float(cell.drag))
     own, other = (body.system[0] @ x + g * body.system[1] * c for body, g in ((plant, plant.gain), (middle, gain)))
