@@ -5,12 +5,13 @@ the profile's, its horizon the delay. The same for attitude loops of second orde
 the soft gains of a drone that nobody has identified. Nothing is proved here; what is looked at is whether a drone in
 the identified simulation, which is no linear plant, swings.
 
-    .venv/bin/python bench/quiet.py [--loops | --unidentified | --packaged] [--delays MS ...]
+    .venv/bin/python bench/quiet.py [--loops | --unidentified | --swaps | --packaged] [--delays MS ...]
 
 Each flight: up, half a metre aside, ten seconds to settle; then for four seconds commands are taken, peak to peak, the
 larger of roll and pitch, and distances to the reference. A profile that lifts less than 1.05 g is flown with so much.
 With --loops the 72 loops of second order, with --unidentified the same with the packaged certificate of soft gains,
-which says nothing of them. With --packaged the default flight certificate as it is, whose delays end
+which says nothing of them; with --swaps they do not go aside, but three of each swap places, in legs of four seconds.
+With --packaged the default flight certificate as it is, whose delays end
 at some: how long after the motion began is it told that its tube is not claimed?
 """
 
@@ -32,11 +33,13 @@ from flatsat_ros.certificate.flight import Axis
 from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_tube import Tube
 from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
+from flatsat_ros.demo.scenario import LEG_TIME, MU, PAPER_WAYPOINTS
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.law.gain import Tuning
+from flatsat_ros.planning.spline import gentle_spline_through
 from flatsat_ros.sim.closed_loop import fly
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.sensor import MotionCapture
@@ -48,6 +51,7 @@ PROFILES = ("cf21", "cf21_plus", "cf21_markers", "cf2x_2025", "brushless", "thru
 DELAYS = (0, 10, 20, 30, 40, 50, 60)  # ms
 RATES = (0.0, 1.0, 2.0, 5.0)  # mu
 SWING_TARGET, AWAY_TARGET = 4.0, 0.01  # deg peak to peak, m
+SWAP_TARGET = 0.06  # m, on the way
 
 _NOISE = 5e-4  # m
 _CLIMB, _SETTLE, _LOOK = 8.0, 10.0, 4.0  # s
@@ -84,7 +88,7 @@ def _unproved(axis: Axis, kind: Plants, design: Design, delay: float) -> Axis:
 
 
 class Stood(NamedTuple):
-    """How drones with all RATES stood.
+    """How drones with all RATES, or three that had swapped places, stood.
 
     Attributes:
         swing: of their commands at rest, the largest, deg peak to peak.
@@ -99,12 +103,13 @@ class Stood(NamedTuple):
     told: float
 
 
-def flown(certificate: Certificate, vehicle: VehicleProfile, link_delay: float) -> Stood:
+def flown(certificate: Certificate, vehicle: VehicleProfile, link_delay: float, swapping: bool = False) -> Stood:
     """Fly once."""
-    count = len(RATES)
+    rates = [MU] * len(PAPER_WAYPOINTS) if swapping else RATES
+    count, duration = len(rates), 0.0
     policy = Policy(disturbance_max=0.8, thrust_error_max=0.25, drag=vehicle.dynamics.drag_z)
-    pilot = Pilot(certificate, Tuning(np.array(RATES), 0.05, 1.0, certificate.gain_max), policy, count)
-    start = np.array([[2.0 * i, 0.0, 0.0] for i in range(count)])
+    pilot = Pilot(certificate, Tuning(np.array(rates), 0.05, 1.0, certificate.gain_max), policy, count)
+    start = PAPER_WAYPOINTS * (1.0, 1.0, 0.0) if swapping else np.array([[2.0 * i, 0.0, 0.0] for i in range(count)])
     fleet = SimulatedFleet(
         vehicle, count, start=start, capture=MotionCapture(noise=_NOISE), command_delay=link_delay, seed=1,
         thrust_scale=max(1.0, certificate.limits.thrust_max / vehicle.thrust_max),
@@ -122,7 +127,11 @@ def flown(certificate: Certificate, vehicle: VehicleProfile, link_delay: float) 
         pilot.take_off(index, 1.0)
     now = fly(pilot, fleet, vehicle, _CLIMB, start=now)
     for index in range(count):
-        if pilot.mode[index] == Mode.FLY:
+        if swapping:
+            swap = gentle_spline_through(np.roll(PAPER_WAYPOINTS, -index, axis=0)[[0, 1, 2, 0]], LEG_TIME)
+            pilot.set_reference(index, swap.shifted(now))
+            duration = float(swap.times[-1])
+        elif pilot.mode[index] == Mode.FLY:
             pilot.set_goal(index, start[index] + (0.5, 0.5, 1.0))
     told, largest = np.full(count, np.inf), np.zeros(count)
 
@@ -131,7 +140,7 @@ def flown(certificate: Certificate, vehicle: VehicleProfile, link_delay: float) 
         off = fleet.bodies.position[:, :2] - tick.reference[:, :2]
         largest[:] = np.maximum(largest, np.linalg.norm(off, axis=1))
 
-    now = fly(pilot, fleet, vehicle, now + _SETTLE, listen, start=now)
+    now = fly(pilot, fleet, vehicle, now + duration + _SETTLE, listen, start=now)
     fly(pilot, fleet, vehicle, now + _LOOK, observe, start=now)
     swing = np.degrees(np.ptp(np.array(tilts), axis=0)).max()
     away = float(np.linalg.norm(np.array(errors), axis=2).max())
@@ -173,6 +182,14 @@ def unidentified(delays: list[float]) -> Iterator[tuple[str, float, Stood]]:
             yield name, delay, flown(certificate, vehicle, delay)
 
 
+def swaps(delays: list[float]) -> Iterator[tuple[str, float, Stood]]:
+    """Yield name, delay and what was flown for the same, in swaps of places."""
+    certificate = load_certificate(SOFT_CERTIFICATE)
+    for name, vehicle in identified():
+        for delay in delays:
+            yield name, delay, flown(certificate, vehicle, delay, swapping=True)
+
+
 def profiles(delays: list[float]) -> Iterator[tuple[str, float, Stood]]:
     """Yield name, delay and what was flown for the packaged profiles."""
     base = load_certificate(DEFAULT_CERTIFICATE)
@@ -193,20 +210,26 @@ def main() -> None:
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--loops", dest="flights", action="store_const", const=loops)
     which.add_argument("--unidentified", dest="flights", action="store_const", const=unidentified)
+    which.add_argument("--swaps", dest="flights", action="store_const", const=swaps)
     which.add_argument("--packaged", dest="flights", action="store_const", const=packaged)
     parser.set_defaults(flights=profiles)
     parser.add_argument("--delays", type=float, nargs="+", default=DELAYS, metavar="MS")
     given = parser.parse_args()
-    delays, missed, count = [delay / 1e3 for delay in given.delays], 0, 0
+    delays, missed, count, furthest = [delay / 1e3 for delay in given.delays], 0, 0, 0.0
     for name, delay, (swing, away, largest, told) in given.flights(delays):
         met = swing <= SWING_TARGET and away <= AWAY_TARGET
-        count, missed = count + 1, missed + (not met)
+        if given.flights is swaps:
+            met = met and largest <= SWAP_TARGET
+        count, missed, furthest = count + 1, missed + (not met), max(furthest, largest)
         mark = "" if met else "   missed"
         if given.flights is packaged:
             mark = f"   told after {told:.2f} s{mark}" if told < np.inf else f"   claimed all the time{mark}"
         places = f"{100.0 * away:>6.2f} cm, {100.0 * largest:.2f} on the way"
         print(f"{name:<24}{1e3 * delay:>4.0f} ms  {swing:>6.2f} deg  {places}{mark}", flush=True)
-    print(f"{count - missed} of {count} at most {SWING_TARGET:g} deg and {100.0 * AWAY_TARGET:g} cm")
+    bounds = f"{SWING_TARGET:g} deg and {100.0 * AWAY_TARGET:g} cm"
+    if given.flights is swaps:
+        bounds += f", {100.0 * SWAP_TARGET:g} cm on the way"
+    print(f"{count - missed} of {count} at most {bounds}; {100.0 * furthest:.2f} cm on the way at most")
 
 
 if __name__ == "__main__":

@@ -3,7 +3,8 @@
     .venv/bin/python bench/shares.py
 
 Three drones of the identified simulation in still air, with noise and link of the demo and default parameters, take
-off, go half a metre aside and back, and swap places. The share is that of the time from two seconds after lift-off on.
+off. In one flight they go half a metre aside and back, and swap places; in another they fly through way-points, each of
+five legs as slow as the certificate wants it. The share is that of the time from two seconds after lift-off on.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.crazyflie.fit import LINK_DELAY
 from flatsat_ros.crazyflie.vehicle import load_vehicle
-from flatsat_ros.demo.scenario import PAPER_WAYPOINTS, POSE_NOISE, gentle_swap
+from flatsat_ros.demo.scenario import PAPER_WAYPOINTS, POSE_NOISE, gentle_swap, gentle_tour
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import Policy
@@ -32,6 +33,8 @@ PROFILES = ("cf21", "cf21_plus", "cf2x_2025", "thrust_kit", "brushless")
 TARGET = 0.95
 _LIFTED, _LATER = 0.02, 2.0  # m above the floor, and s after that from which on the claim counts
 _CLIMB, _ASIDE = 9.0, 6.0  # s
+# from where each drone hovers, m
+_TOUR = np.array([[0, 0, 0], [0.5, 0.2, 0.2], [0.3, 0.6, 0.0], [-0.2, 0.4, 0.3], [-0.3, 0, 0.1], [0, 0, 0]])
 
 
 class Flown(NamedTuple):
@@ -41,8 +44,8 @@ class Flown(NamedTuple):
     furthest: tuple[float, float]
 
 
-def flown(name: str, profile: str) -> Flown:
-    """Fly once."""
+def flown(name: str, profile: str, touring: bool) -> Flown:
+    """Fly once, through way-points or to set-points and in a swap."""
     certificate, vehicle, count = load_certificate(name), load_vehicle(profile), len(PAPER_WAYPOINTS)
     policy = Policy(disturbance_max=0.8, thrust_error_max=0.25, drag=vehicle.dynamics.drag_z)
     pilot = Pilot(certificate, Tuning(2.0, 0.05, 1.0, certificate.gain_max), policy, count)
@@ -64,11 +67,14 @@ def flown(name: str, profile: str) -> Flown:
         fleet.firmware.request_arming(index, True)
         pilot.take_off(index, 1.0)
     now = fly(pilot, fleet, vehicle, now + _CLIMB, observe, start=now)
-    for aside in (0.5, 0.0):
+    for aside in () if touring else (0.5, 0.0):
         for index in range(count):
             pilot.set_goal(index, PAPER_WAYPOINTS[index] * (1.0, 1.0, 0.0) + (0.0, aside, 1.0))
         now = fly(pilot, fleet, vehicle, now + _ASIDE, observe, start=now)
-    paths = [gentle_swap(certificate, PAPER_WAYPOINTS, index, count) for index in range(count)]
+    if touring:
+        paths = [gentle_tour(certificate, place + _TOUR) for place in PAPER_WAYPOINTS]
+    else:
+        paths = [gentle_swap(certificate, PAPER_WAYPOINTS, index, count) for index in range(count)]
     for index, path in enumerate(paths):
         pilot.set_reference(index, path.shifted(now))
     fly(pilot, fleet, vehicle, now + float(paths[0].times[-1]), observe, start=now)
@@ -81,9 +87,11 @@ def main() -> None:
     """Print a line a certificate."""
     for profile in PROFILES:
         for kind in ("adaptive", "tight"):
-            share, furthest = flown(f"{profile}_{kind}_50hz", profile)
-            sizes = ", ".join(f"{100.0 * size:.2f}" for size in furthest)
-            print(f"{profile}_{kind}_50hz: claimed {share:.3f}, furthest {sizes} cm", flush=True)
+            for touring in (False, True):
+                share, furthest = flown(f"{profile}_{kind}_50hz", profile, touring)
+                sizes = ", ".join(f"{100.0 * size:.2f}" for size in furthest)
+                what = "way-points" if touring else "set-points and swap"
+                print(f"{profile}_{kind}_50hz, {what}: claimed {share:.3f}, furthest {sizes} cm", flush=True)
 
 
 if __name__ == "__main__":

@@ -247,14 +247,23 @@ def _certificate_of(folder: Path, rate: float | None) -> tuple[Certificate, Path
 
 def gentle_swap(certificate: Certificate, places: FloatArray, index: int, legs: int) -> Trajectory:
     """Return the reference as `swap_between` does, as slow as the certificate's flight section wants it."""
+    return gentle_tour(certificate, places[(index + np.arange(legs + 1)) % len(places)])
+
+
+def gentle_tour(certificate: Certificate, points: FloatArray) -> Trajectory:
+    """Return a reference from rest to rest through points (M, 3), m, as slow as a certificate's flight section wants.
+
+    Raises:
+        FlatsatError: none is slow enough within half a minute a leg.
+    """
     from flatsat_ros.planning.spline import gentle_spline_through
 
     flight = certificate.flight
     for leg_time in LEG_TIME * 1.1 ** np.arange(20.0):
-        swap = gentle_spline_through([places[(index + leg) % len(places)] for leg in range(legs + 1)], float(leg_time))
-        if flight is None or flight.demanded(swap.demand(), needed_margin(swap, certificate.limits, flight)) <= 1.0:
-            return swap
-    raise FlatsatError(f"no swap is as slow as {certificate.name!r} assumes: must be one within a minute a leg")
+        tour = gentle_spline_through(list(points), float(leg_time))
+        if flight is None or flight.demanded(tour.demand(), needed_margin(tour, certificate.limits, flight)) <= 1.0:
+            return tour
+    raise FlatsatError(f"no tour is as slow as {certificate.name!r} assumes: must be one within half a minute a leg")
 
 
 def swap_between(places: FloatArray, index: int, legs: int) -> Trajectory:
