@@ -21,14 +21,15 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_tube import Assumptions
-from flatsat_ros.synthesis.flight_cover import corner_tube, cover
+from flatsat_ros.synthesis.flight_cover import corner_tube, corners, cover
+from flatsat_ros.synthesis.flight_search import command_noise
 
 _PERIOD = 0.02  # s
+_NOISE = 5e-4  # m, for which the noise of commands is stated
 STILL = Assumptions(disturbance_rate=0.35, noise=5e-4, acceleration=0.0, jerk=0.58, snap=0.66)
 GUSTS = replace(STILL, disturbance_rate=0.5, noise=1e-3)
-_LEANING = replace(
-    STILL, acceleration=0.4
-)  # of second order: what a drone leans depends on its reference's acceleration
+# of second order: what a drone leans depends on its reference's acceleration
+_LEANING, _LEANING_IN_GUSTS = (replace(air, acceleration=0.4) for air in (STILL, GUSTS))
 _TILT, _DRAG = -0.26, 0.41  # 1/s, as identified from flights
 
 
@@ -36,11 +37,12 @@ class Row(NamedTuple):
     """What is known, and a design for it.
 
     Attributes:
-        box: the plants; their gain is over that of the model.
+        box: the plants.
         design: the controller.
         gain_max: largest applied gain.
         assumptions: of the tube.
         target: m, at most.
+        nominal: gain by which the controller divides its commands.
         lag_varies: whether the lag changes in flight.
         excess: of a cell's tube over that of the worst corner, aimed at.
     """
@@ -50,28 +52,31 @@ class Row(NamedTuple):
     gain_max: float
     assumptions: Assumptions
     target: float
+    nominal: float = 1.0
     lag_varies: bool = False
     excess: float = 0.1
 
+    @property
+    def relative(self) -> Box:
+        """The plants with gains over the nominal one, as the controller meets them."""
+        return Box(*(replace(plant, gain=plant.gain / self.nominal) for plant in (self.box.low, self.box.high)))
 
-def _first(gain: tuple[float, float] = (1.0, 1.0), nominal: float = 1.0) -> Box:
+    @property
+    def command_noise(self) -> float:
+        """Noise of the commanded tilt, or what that is in thrust, at the worst corner and a gain of 1, degrees."""
+        plants = [corner.low for corner in corners(self.relative, self.lag_varies)]
+        return max(command_noise(self.design, plant, _NOISE) for plant in plants) / self.nominal
+
+
+def _first(gain: tuple[float, float] = (1.0, 1.0)) -> Box:
     """Return the plants of a `cf21` whose lag and delay are known to 20 %."""
-    low, high = gain[0] / nominal, gain[1] / nominal
-    return Box(Plant(0.024, 0.1124, gain=low), Plant(0.036, 0.1686, gain=high))
+    return Box(Plant(0.024, 0.1124, gain=gain[0]), Plant(0.036, 0.1686, gain=gain[1]))
 
 
-def _upright(nominal: float) -> Box:
-    """Return the plants of the vertical axis: thrust to 3 %, its lag between that of falling and of rising."""
-    return Box(Plant(0.03, 0.107, gain=0.97 / nominal), Plant(0.03, 0.137, gain=1.03 / nominal))
-
-
-def _second(
-    frequency: tuple[float, float], damping: tuple[float, float], gain: tuple[float, float], nominal: float
-) -> Box:
+def _second(frequency: tuple[float, float], damping: tuple[float, float], gain: tuple[float, float]) -> Box:
     """Return the plants of an identified drone with 30 to 50 ms of delay."""
     low, high = (
-        Plant(delay, 0.0, frequency[i], damping[i], gain[i] / nominal, _TILT, _DRAG)
-        for i, delay in enumerate((0.03, 0.05))
+        Plant(delay, 0.0, frequency[i], damping[i], gain[i], _TILT, _DRAG) for i, delay in enumerate((0.03, 0.05))
     )
     return Box(low, high)
 
@@ -89,15 +94,17 @@ def _attitude(
     return Design.predicting(_PERIOD, model, observer, stiffness, rate)
 
 
-_NARROW = (12.5, 18.0), (0.44, 0.60), (0.68, 0.82)
-_WIDE = (12.0, 20.0), (0.42, 0.62), (0.66, 0.86)
+# the vertical axis: thrust to 3 %, its lag between that of falling and of rising
+_UPRIGHT = Box(Plant(0.03, 0.107, gain=0.97), Plant(0.03, 0.137, gain=1.03))
+_NARROW = _second((12.5, 18.0), (0.44, 0.60), (0.68, 0.82))
+_WIDE = _second((12.0, 20.0), (0.42, 0.62), (0.66, 0.86))
 ROWS = {
     "lag and delay": Row(_first(), _lagging(0.018, 0.167, (0.323, 3.13, 10.3), 60.0, 17.8), 1.5, STILL, 0.027),
     "and gain +-8 %": Row(
         _first((0.92, 1.08)), _lagging(0.0252, 0.1535, (0.288, 2.44, 10.3), 44.9, 23.1), 1.5, STILL, 0.035
     ),
     "and gain .8 to 1.1": Row(
-        _first((0.8, 1.1), 0.95), _lagging(0.025, 0.16, (0.3571, 3.93, 14.2), 42.8, 23.0), 1.5, STILL, 0.042
+        _first((0.8, 1.1)), _lagging(0.04609, 0.1328, (0.3509, 2.563, 6.547), 53.08, 18.75), 1.5, STILL, 0.042, 0.8268
     ),
     "and gain +-8 %, gusts": Row(
         _first((0.92, 1.08)), _lagging(0.0269, 0.1595, (0.3125, 2.916, 8.14), 63.9, 20.8), 1.5, GUSTS, 0.065
@@ -107,28 +114,26 @@ ROWS = {
         _first(), _lagging(0.037, 0.147, (0.2535, 1.849, 5.2), 48.2, 19.15), 4.0, GUSTS, 0.10
     ),
     "vertical": Row(
-        _upright(1.0), _lagging(0.03331, 0.1187, (0.3376, 3.462, 13.4), 64.92, 28.52), 1.5, STILL, 0.055, True, 0.05
+        _UPRIGHT, _lagging(0.03331, 0.1187, (0.3376, 3.462, 13.4), 64.92, 28.52), 1.5, STILL, 0.055, 1.0, True, 0.05
     ),
     "vertical, gusts": Row(
-        _upright(1.002), _lagging(0.0323, 0.1197, (0.3377, 3.463, 12.25), 73.26, 31.65), 1.5, GUSTS, 0.085, True, 0.01
+        _UPRIGHT, _lagging(0.0323, 0.1197, (0.3377, 3.463, 12.25), 73.26, 31.65), 1.5, GUSTS, 0.085, 1.002, True, 0.01
     ),
     "identified": Row(
-        _second(*_NARROW, 0.8585),
-        _attitude((0.03353, 15.64, 0.6404), (0.3396, 3.505, 10.08), 37.79, 18.96), 1.5, _LEANING, 0.05, False, 0.2,
+        _NARROW, _attitude((0.06805, 19.39, 0.5272), (0.3979, 1.748, 4.107), 79.86, 23.57), 1.5,
+        _LEANING, 0.05, 0.738,
     ),
     "identified, gusts": Row(
-        _second(*_NARROW, 0.8478),
-        _attitude((0.03415, 15.78, 0.6101), (0.3515, 3.782, 9.154), 35.09, 16.55), 1.5,
-        replace(GUSTS, acceleration=0.4), 0.07, False, 0.2,
+        _NARROW, _attitude((0.05994, 18.37, 0.6022), (0.3929, 2.31, 6.346), 49.69, 21.73), 1.5,
+        _LEANING_IN_GUSTS, 0.07, 0.7783,
     ),
     "identified, wider": Row(
-        _second(*_WIDE, 0.9232),
-        _attitude((0.02891, 16.01, 0.6312), (0.4058, 5.232, 11.77), 26.96, 14.25), 1.5, _LEANING, 0.075, False, 0.3,
+        _WIDE, _attitude((0.05627, 15.16, 0.4723), (0.5055, 1.754, 4.678), 58.22, 25.5), 1.5,
+        _LEANING, 0.075, 0.7001,
     ),
     "identified, wider, gusts": Row(
-        _second(*_WIDE, 0.9197),
-        _attitude((0.03572, 17.03, 0.5904), (0.3709, 4.267, 10.48), 21.82, 13.26), 1.5,
-        replace(GUSTS, acceleration=0.4), 0.10, False, 0.3,
+        _WIDE, _attitude((0.05784, 15.13, 0.5199), (0.436, 1.568, 4.986), 53.11, 29.39), 1.5,
+        _LEANING_IN_GUSTS, 0.10, 0.6924,
     ),
 }  # fmt: skip
 _CELLS_MAX = 16_000
@@ -142,9 +147,10 @@ def main() -> None:
     given = parser.parse_args()
     for name in given.rows or ROWS:
         row = ROWS[name]
-        arguments = row.design, row.box, 1.0, row.gain_max, row.assumptions, row.lag_varies
-        corners = corner_tube(*arguments)
-        line = f"{name:<26}target {100 * row.target:4.1f} cm, corners {100 * corners.position:5.2f} cm"
+        arguments = row.design, row.relative, 1.0, row.gain_max, row.assumptions, row.lag_varies
+        worst = corner_tube(*arguments)
+        line = f"{name:<26}target {100 * row.target:4.1f} cm, noise {row.command_noise:.2f} deg"
+        line += f", corners {100 * worst.position:5.2f} cm"
         if not given.corners:
             try:
                 found = cover(*arguments, row.excess, _CELLS_MAX)
