@@ -36,8 +36,8 @@ _CALM, _WAITED = 0.5, 2.0
 # what disturbs one that is doubted is made up for with this time constant, s: quickly that would swing a drone whose
 # commands act late, of which its estimate knows nothing
 _SLOW = 1.5
-# a landing drone that stays within so much, m, of the height at which it was higher than expected is carried
-_STAYS = 0.01
+# a landing drone that is slowed by so much, m/s, from one tick to the next and then stays within so much, m, is carried
+_STOPPED, _STAYS = 0.15, 0.01
 _TOLD = "its poses come too late or are not where they are expected: flown softly for {:g} s"
 
 
@@ -149,34 +149,29 @@ class Doubt:
 class Carried:
     """Tells which of N landing drones have come down on something that nobody knew of.
 
-    They are seen higher than they are expected, and stay where that began; whose loop is not the proved one moves on.
+    It stops them at once, as no air does, and they stay there: so long nothing follows from where they are.
     """
 
-    def __init__(self, bound: float, period: float, count: int) -> None:
-        """Begin with nobody.
-
-        Args:
-            bound: of a vertical innovation while all holds, m.
-            period: between two ticks, s.
-            count: N.
-        """
-        self._bound, self._soon = bound, 1.5 * period
-        self._height, self._last = np.zeros(count), np.full(count, -np.inf)  # m, where it began; s, when it was seen
+    def __init__(self, period: float, count: int) -> None:
+        """Begin with nobody; period between two ticks, s."""
+        self._stopped, self._soon = _STOPPED * period, 1.5 * period
+        self._before, self._last = np.zeros(count), -np.inf  # innovations of the last look, m, and when that was, s
+        self._height = np.full(count, np.nan)  # at which each was stopped, m
 
     def look(self, now: float, landing: np.ndarray, innovation: FloatArray, height: FloatArray) -> np.ndarray:
         """Return who is carried, (N,).
 
         Args:
-            now: s.
+            now: s; whoever looks not at every tick has not seen anything large meanwhile.
             landing: (N,) who lands.
             innovation: (N,) vertical, m.
             height: (N,) measured, m.
         """
-        higher = landing & (innovation > self._bound)
-        anew = higher & (now - self._last > self._soon)
-        self._height[anew] = height[anew]
-        self._last[higher] = now
-        return np.asarray(higher & (np.abs(height - self._height) < _STAYS))
+        gained = innovation - (self._before if now - self._last < self._soon else 0.0)
+        self._before, self._last = innovation.copy(), now
+        stays = landing & (np.abs(height - self._height) < _STAYS)
+        self._height = np.where(stays, self._height, np.where(landing & (gained > self._stopped), height, np.nan))
+        return np.asarray(np.isfinite(self._height))
 
 
 _AXES = [0, 0, 1, 0, 0, 1]  # of position and velocity

@@ -170,7 +170,7 @@ class PredictedLoop(Loop):
         self._preview = Preview(references, horizontal, vertical)
         self._monitors = Monitors(flight, self._most, references)
         self._doubt = Doubt(flight, self._monitors.innovations, count)
-        self._carried = Carried(float(self._monitors.innovations[1]), horizontal.period, count)
+        self._carried = Carried(horizontal.period, count)
         self._doubts, self._gain = np.zeros((count, 2), dtype=bool), np.ones(count)
         self._feedback = -certificate.matrix[:, 3:]
         self._second = horizontal.model.frequency > 0.0 or vertical.model.frequency > 0.0

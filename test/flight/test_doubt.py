@@ -59,16 +59,24 @@ def test_the_law_gets_an_error_that_is_smaller_along_doubted_axes_alone_whatever
             assert SOFTEST < -push[0, axis] < SOFT
 
 
-@given(sink=st.floats(-1.0, 1.0), higher=st.floats(0.0, 0.05), ticks=st.integers(1, 20), pause=st.integers(0, 3))
-def test_who_lands_higher_than_expected_and_stays_there_is_carried_and_who_moves_on_is_not(
-    sink: float, higher: float, ticks: int, pause: int
+@given(
+    sink=st.floats(-1.0, 1.0),
+    before=st.floats(0.0, 0.002),
+    slowed=st.floats(0.0, 1.0).filter(lambda speed: abs(speed - 0.15) > 1e-6),
+    ticks=st.integers(1, 20),
+    pause=st.booleans(),
+)
+def test_a_landing_drone_that_is_stopped_at_once_and_stays_there_is_carried_and_one_that_moves_on_is_not(
+    sink: float, before: float, slowed: float, ticks: int, pause: bool
 ) -> None:
-    carried, both = Carried(0.003, 0.02, 2), np.array([True, False])
-    carried.look(0.0, both, np.full(2, 0.01), np.full(2, 5.0))  # another time, elsewhere
+    carried, both, period = Carried(0.02, 2), np.array([True, False]), 0.02
+    assert not carried.look(0.0, both, np.full(2, before), np.full(2, 5.0)).any()
+    begin = 3.0 * period if pause else period
+    known = 0.0 if pause else before  # what was not looked at meanwhile was small
     for tick in range(ticks):
-        now, height = 0.02 * (2 + pause + tick), 0.7 - 0.02 * sink * tick
-        found = carried.look(now, both, np.full(2, higher), np.full(2, height))
-        assert found.tolist() == [higher > 0.003 and abs(height - 0.7) < 0.01, False]
+        height = 0.7 - period * sink * tick
+        found = carried.look(begin + tick * period, both, np.full(2, known + period * slowed), np.full(2, height))
+        assert found.tolist() == [slowed * period > 0.15 * period and abs(height - 0.7) < 0.01, False]
 
 
 @given(seen=STRANGE, begin=st.floats(0.0, 1e5))

@@ -162,8 +162,14 @@ class OrdinaryFlight:
         self._each(lambda index: self._pilot.take_off(index, height))
         self._pass(2.0)
         self._arrive()
+        self._find_goals()
         self._pass(float(self._random.uniform(*_REST)))
         self._require(Mode.FLY)
+
+    def _find_goals(self) -> None:
+        """Take note of where the drones are led."""
+        found = [self._pilot.destination(index) for index in range(self._count)]
+        self._goals = np.array([goal if end is None else end for end, goal in zip(found, self._goals, strict=True)])
 
     def _take_over(self) -> None:
         self._begin("take over")
@@ -240,7 +246,7 @@ class OrdinaryFlight:
         self._pass(float(self._random.uniform(0.5, 2.5)))
         self._each(self._pilot.hold)
         self._arrive()
-        self._goals = np.array([self._pilot.destination(index) for index in range(self._count)], dtype=float)
+        self._find_goals()
         self._regroup()
 
     def _turn(self) -> None:
