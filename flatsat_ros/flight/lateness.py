@@ -7,8 +7,9 @@ less by s times its derivative, in motions that are slow against s. Through the 
 
 with w the derivative of the model's acceleration, q the shift by a tick, F and b of the double integrator with a
 disturbance that stays. s is fitted to the innovations of some seconds. Another drag than the model's makes such
-innovations too: of models without drag that is taken off, of others, whose drag is known to a tenth, it is left in. Lag
-and delay apart are not told by that.
+innovations too, the more the slower a motion is: of models without drag that is taken off, of others, whose drag is
+known to a tenth, it is left in, but motions in which it would be much tell nothing. Lag and delay apart are not told by
+that.
 
 The model's acceleration answers to innovations, too: with noise alone the fit would make drones 50 ms too early. So it
 is fitted by what is correlated with the same filter of the reference's acceleration (an instrumental variable), which
@@ -28,6 +29,7 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray, all_of, any_of
 from flatsat_ros.certificate.flight import Axis
 from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight_plant import Plant
 
 if TYPE_CHECKING:
     from flatsat_ros.flight.assumptions import Seen
@@ -43,6 +45,8 @@ _SURE = 2.5
 _LOOSE = 0.2
 # how much drag, 1/s, there may be where the certificate counts all of it among the disturbances
 _DRAG = 0.6
+# a motion so slow that drag inside the interval may be taken for this share of half of the interval says nothing
+_SLOW = 0.75
 _TINY = 1e-9  # m^2: who moves no more tells nothing
 
 
@@ -66,12 +70,13 @@ class Lateness:
         low, high = (plant.delay + lead - own for plant, lead in zip((box.low, box.high), _leads(box), strict=True))
         self._middle, self.bound = (low + high) / 2.0, (high - low) / 2.0
         self._period, self._count = design.period, count
-        self._drag = 0.0 if design.model.drag + design.model.tilt else _DRAG
+        known = _unknown_drag(design.model, box)
+        self._drag, self._is_known = known or _DRAG, known > 0.0
         self._length = round(_EVERY / design.period)  # of a part of the window, in ticks
         self._move, self._answer, self._enter = _filter(design.period, design.observer, self._length)
         self._steady, self._ticks = np.ones(count, dtype=bool), 0
-        # of this part: innovation, m, accelerations of model and reference, m/s^2, velocity, m/s; and both before it
-        self._seen, self._before = np.zeros((4, self._length, count, 2)), np.zeros((2, count, 2))
+        # of this part: innovation, m, accelerations of model and reference, m/s^2; and both before it
+        self._seen, self._before = np.zeros((3, self._length, count, 2)), np.zeros((2, count, 2))
         self._states = np.zeros((3, 3, count, 2))  # of the filter, for changes of both accelerations and for drag
         # sums over each part of the window, newest last, of the products of r with a, i, s and itself
         self._sums = np.zeros((round(_WINDOW / _EVERY), 4, count))
@@ -87,8 +92,6 @@ class Lateness:
         place, kept = self._ticks % self._length, self._seen
         kept[0, place], kept[1, place] = seen.innovation[:, :2], seen.acceleration[:, :2]
         kept[2, place] = seen.reference[:, 6:8]
-        if self._drag > 0.0:
-            kept[3, place] = seen.error[:, 3:5] + seen.reference[:, 3:5]
         if not all_of(steady):
             kept[:, place, ~steady] = 0.0
             ends = self._steady & ~steady
@@ -100,17 +103,18 @@ class Lateness:
         self._ticks += 1
         if self._ticks % self._length:
             return False
-        self._take()
+        self._take(np.where(steady[:, np.newaxis], seen.reference[:, 3:5], 0.0))
         if not any_of(steady):
             return False
         self._fit()
         return True
 
-    def _take(self) -> None:
-        """Add the part of the window that is full to the sums."""
-        innovation, acceleration, reference, velocity = self._seen.reshape(4, self._length, -1)
+    def _take(self, velocity: FloatArray) -> None:
+        """Add the part of the window that is full to the sums; velocity (N, 2), m/s, is the references' at its end."""
+        innovation, acceleration, reference = self._seen.reshape(3, self._length, -1)
         answers, led = (self._changed(kind, values) for kind, values in enumerate((acceleration, reference)))
-        slowed = self._answered(2, velocity) if self._drag > 0.0 else velocity
+        gained = self._period * np.cumsum(reference, axis=0)
+        slowed = self._answered(2, velocity.reshape(1, -1) - gained[-1] + gained)
         products = led * answers, led * innovation, led * slowed, led * led
         self._sums[:-1] = self._sums[1:]
         self._sums[-1] = [product.sum(axis=0).reshape(-1, 2).sum(axis=1) for product in products]
@@ -138,10 +142,21 @@ class Lateness:
         left = products - late * powers  # of each part
         deviation = np.sqrt((left * left).sum(axis=0)) / power
         alike = self._drag * np.abs(alike) / power
-        excess = np.maximum(np.abs(late - self._middle) - _SURE * deviation - alike, 0.0)
-        shown = np.count_nonzero(led > _SHOWN, axis=0) >= _PARTS
-        told = shown & (deviation < _LOOSE * self.bound)
-        self.excess = np.where(told, excess, 0.0)
+        excess = np.abs(late - self._middle) - _SURE * deviation
+        told = (np.count_nonzero(led > _SHOWN, axis=0) >= _PARTS) & (deviation < _LOOSE * self.bound)
+        if self._is_known:
+            told &= alike < _SLOW * self.bound
+        else:
+            excess -= alike
+        self.excess = np.where(told, np.maximum(excess, 0.0), 0.0)
+
+
+def _unknown_drag(model: Plant, box: Box) -> float:
+    """Return by how much drag and tilt of a plant in a box may differ from a model's, 1/s; 0 where it has none."""
+    if not (model.drag or model.tilt):
+        return 0.0
+    ends = box.low, box.high
+    return max(abs(end.drag - model.drag) for end in ends) + max(abs(end.tilt - model.tilt) for end in ends)
 
 
 def _leads(box: Box) -> tuple[float, float]:

@@ -34,6 +34,13 @@ def to_and_fro(t: float) -> tuple[FloatArray, FloatArray]:
     return way * rate / 3.9**2, way * (30.0 * part**2 - 60.0 * part**3 + 30.0 * part**4) / 3.9
 
 
+def slow_eight(t: float) -> tuple[FloatArray, FloatArray]:
+    """Return acceleration, m/s^2, and velocity, m/s, of a drone that flies a figure eight, 1 m wide, in 15 s."""
+    rate = 2.0 * np.pi / 15.0
+    acceleration = np.array([-0.5 * rate**2 * np.sin(rate * t), -(rate**2) * np.sin(2.0 * rate * t)])
+    return acceleration, np.array([0.5 * rate * np.cos(rate * t), 0.5 * rate * np.cos(2.0 * rate * t)])
+
+
 def looks(
     late: float,
     noise: float,
@@ -41,11 +48,13 @@ def looks(
     fed: float = 0.0,
     gust: float = 0.0,
     motion: Callable[[float], tuple[FloatArray, FloatArray]] = swaying,
+    drag: float = 0.0,
 ) -> Iterator[Seen]:
     """Yield 6 s of a motion in which one drone is late, and another one stands still.
 
     Commands answer to innovations by `fed` 1/s^2, as those of a law do that believes them. Gusts push the late drone by
-    an acceleration with the standard deviation `gust`, m/s^2, and a correlation time of 1 s.
+    an acceleration with the standard deviation `gust`, m/s^2, and a correlation time of 1 s. It has so much more drag,
+    1/s, than its model.
     """
     assert FLYING is not None
     random = np.random.default_rng(seed)
@@ -65,7 +74,7 @@ def looks(
         rows, none = np.zeros((2, 3)), np.zeros(2)
         yield Seen(shown[3, :, :6], shown[2], none, shown[0, :, :3], rows, none, rows, shown[1, :, :3])
         # the late drone has the acceleration of some time ago
-        off = motion(t + h / 2 - late)[0] - motion(t + h / 2)[0] + push
+        off = motion(t + h / 2 - late)[0] - motion(t + h / 2)[0] + push - drag * motion(t + h / 2 - late)[1]
         error = F @ (error - np.outer(observer, innovation)) + np.outer([h * h / 2.0, h, 0.0], off)
         if gust:
             push = kept * push + gust * np.sqrt(1.0 - kept * kept) * random.standard_normal(2)
@@ -109,6 +118,16 @@ def test_noise_that_the_commands_answer_to_makes_nobody_early() -> None:
         found = seen(0.0, 5e-4, seed, fed=12.0)
         assert found.excess.max() <= 0.2 * found.bound
     assert seen(0.12, 5e-4, 0, fed=12.0).excess[0] > 0.095
+
+
+@pytest.mark.parametrize("drag", [-0.0456, 0.0456])
+@pytest.mark.parametrize("late", [-0.03, 0.0, 0.03])
+def test_drag_inside_the_interval_makes_nobody_late_who_moves_slowly(late: float, drag: float) -> None:
+    assert FLYING is not None
+    lateness = Lateness(FLYING.horizontal, 2)
+    for look in looks(late, 1e-4, 0, motion=slow_eight, drag=drag):
+        lateness.note(look, np.array([True, True]))
+        assert lateness.excess.max() <= lateness.bound
 
 
 def first_told(late: float, seed: int, gust: float) -> float:

@@ -84,6 +84,13 @@ class Drawn:
         return self.wind.gust > 0.0 or any(self.wind.mean)
 
     @property
+    def disturbs(self) -> bool:
+        """The air moves more than the certificate assumes: a wind pushes more, or gusts change faster."""
+        flight, wind = self.certificate.flight, float(np.hypot(*self.wind.mean[:2]))
+        assert flight is not None
+        return self.wind.gust > 0.0 or self.vehicle.dynamics.drag_xy * wind > flight.disturbance
+
+    @property
     def is_noisy(self) -> bool:
         """Poses may be farther from the truth than the certificate assumes."""
         flight = self.certificate.flight

@@ -37,6 +37,7 @@ _EIGHT = np.linspace(0.0, 2.0 * np.pi, 9)
 _REST = 2.0, 4.0  # s at rest between two things
 _BATTERY_PERIOD = 1.0  # s
 _TABLE_ROOM = 0.2  # m, that drones are above a table which is put below them
+_RISEN = 0.1  # m: a drone so high has left the ground
 _ROUNDING = 1e-6  # s
 
 
@@ -61,7 +62,7 @@ class Flown(NamedTuple):
 
     Attributes:
         seconds: that it lasted.
-        worst: largest distance of a drone to its reference, m; of one that lands sideways alone.
+        worst: largest distance to its reference of a drone that has risen, m; sideways alone of one that lands.
         said: everything.
         wrong: what is no saying: drones that came down, or not where they were sent, refusals.
         done: what the drones did, in order.
@@ -324,10 +325,10 @@ class OrdinaryFlight:
         down = bodies.grounded & self._lifted & ~self._landing
         for index in map(int, np.flatnonzero(down)):
             self._wrong.append(Said(now, index, "comes down unasked", self._doing))
-        self._lifted = (self._lifted | (bodies.position[:, 2] > bodies.floor + 0.1)) & ~down
+        self._lifted = (self._lifted | (bodies.position[:, 2] > bodies.floor + _RISEN)) & ~down
         away = bodies.position - tick.reference[:, :3]
         away[self._landing, 2] = 0.0
-        size = np.linalg.norm(away, axis=1)[(tick.mode == Mode.FLY) & ~bodies.grounded]
+        size = np.linalg.norm(away, axis=1)[(tick.mode == Mode.FLY) & self._lifted]
         self._worst = max(self._worst, float(size.max(initial=0.0)))
 
 
