@@ -14,6 +14,7 @@ sideways until it has been there for a while, and moves as the model expects.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -25,10 +26,13 @@ from flatsat_ros.certificate.flight import Flight
 _SOFT = (0.9, 1.4)
 # a pose of this age, s, is older than a loop with the certificate's gains bears for long, whatever was proved
 _OLD = 0.12
-# an innovation of so much, m, and so many times its bound, horizontal and vertical, is no noise, nor a gust of 2 m/s
+# An innovation of so much, m, and so many times its bound, is no noise, nor a gust of 2 m/s: sideways its size, and
+# vertically the amplitude of a swing with its mean square over about so long, s: a late loop swings, a gust does not.
 _STRANGE, _TIMES = np.array([0.016, 0.0075]), np.array([5.0, 2.5])
-# a drone is doubted for so long, s, after the last reason, and each time for longer by this factor, up to so long, s
-_DOUBTED, _LONGER, _LONGEST = 2.0, 4.0, 60.0
+_SWINGING = 0.4
+# A drone is doubted for so long, s, after the last reason; if there is another within so long, s, after that, for
+# longer by this factor, up to so long, s: a loop that is late swings again at once, gusts come by chance.
+_DOUBTED, _AGAIN, _LONGER, _LONGEST = 2.0, 6.0, 4.0, 60.0
 # and after it has left the ground, sideways, s; then until so long, s, it has been where it is expected, but not for
 # more than so long, s, besides
 _LIFTED = 1.5
@@ -64,9 +68,11 @@ class Doubt:
         self._until = np.full((count, 2), -np.inf)  # s, horizontal and vertical
         self._lifted = np.full(count, -np.inf)  # s, until when each has just left the ground
         self._doubted = np.full(count, _DOUBTED)  # for how long the next time, s
+        self._square, self._looked = np.zeros(count), -np.inf  # mean, of the vertical innovations, m^2; and when, s
+        self._period = flight.horizontal.design.period
         self._new = np.zeros(count, dtype=bool)  # the doubts of each have just begun
         self._followed = np.zeros((count, 3))  # of its disturbance, m/s^2
-        self._pace = flight.horizontal.design.period / _SLOW
+        self._pace = self._period / _SLOW
         self._reports: list[tuple[int, str]] = []
         self.any = False
 
@@ -90,24 +96,31 @@ class Doubt:
             age: (N,) of the pose that was used last, s.
             innovation: (N, 2) its size, horizontal and vertical, m.
         """
-        beyond = innovation > self._strange
+        sideways, ended = innovation[:, 0], self._until[:, 1]
+        known = flying & (now >= self._lifted)  # by then its thrust has been learnt
+        swing = self._swing(now, np.where(known, innovation[:, 1], 0.0))
+        beyond = (sideways > self._strange[0]) | (swing > self._strange[1])
         waits = now < np.minimum(self._until[:, 0], self._lifted + _WAITED)
-        longer = flying & waits & (innovation[:, 0] > self._expected)
+        longer = flying & waits & (sideways > self._expected)
         self._until[longer, 0] = np.maximum(self._until[longer, 0], now + _CALM)
-        beyond[:, 1] &= now >= self._lifted  # by then its thrust has been learnt
-        strange = flying & ((age > _OLD) | beyond.any(axis=1))
+        strange = flying & ((age > _OLD) | beyond)
         if not any_of(strange):
             return
-        ended = self._until[:, 1]
         new = strange & (now >= ended)
-        lately = new & (now - ended < _LONGEST)
-        self._doubted = np.where(
-            lately, np.minimum(_LONGER * self._doubted, _LONGEST), np.where(new, _DOUBTED, self._doubted)
-        )
+        again = now - ended < _AGAIN
+        lasting = np.where(again, np.minimum(_LONGER * self._doubted, _LONGEST), _DOUBTED)
+        self._doubted = np.where(new, lasting, self._doubted)
         self._new |= new
         self._until[strange] = (now + self._doubted)[strange, np.newaxis]
         self._reports += [(int(i), _TOLD.format(self._doubted[i])) for i in np.flatnonzero(new)]
         self.any = True
+
+    def _swing(self, now: float, innovation: FloatArray) -> FloatArray:
+        """Return how far vertical innovations (N,), m, swing, (N,) m; unseen ones are next to nothing."""
+        self._square *= math.exp(min(self._looked - now, 0.0) / _SWINGING)
+        self._square += self._period / _SWINGING * innovation * innovation
+        self._looked = now
+        return np.asarray(np.sqrt(2.0 * self._square))
 
     def wait(self, now: float, grounded: np.ndarray) -> None:
         """Doubt what is sideways of drones that have not left the ground, (N,), and for a while after that."""

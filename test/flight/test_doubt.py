@@ -33,7 +33,7 @@ SOFTEST, SOFT = 0.5, 2.0  # 1/s^2 and 1/s: gains that bear half a second of lag 
 STRANGE = st.one_of(
     st.floats(0.15, 0.5).map(lambda age: (age, 0.0, 0.0)),
     st.floats(0.02, 1.0).map(lambda size: (0.0, size, 0.0)),
-    st.floats(0.01, 1.0).map(lambda size: (0.0, 0.0, size)),
+    st.floats(0.03, 1.0).map(lambda size: (0.0, 0.0, size)),
 )
 
 
