@@ -139,6 +139,10 @@ class LiftOffDetector:
         """Return how high drone index, which is seen at a place (3,), m, is if all its way led upward, m."""
         return float(self._place[index, 2] + np.linalg.norm(place - self._place[index]))
 
+    def above(self, place: FloatArray) -> FloatArray:
+        """Return how far each, which is seen at a place (N, 3) or more, m, is above where it stood, (N,) m."""
+        return np.asarray(place[:, 2] - self._place[:, 2])
+
     def upward(self, index: int, place: FloatArray) -> FloatArray:
         """Return the direction (3,) in which drone index, which is seen at a place (3,), m, has left the ground."""
         way = place - self._place[index]

@@ -217,7 +217,7 @@ class Senses:
         free = high & ~standing
         lifting = standing
         if any_of(standing):
-            low = self._lift_off.rise < _LIFTING_RISE
+            low = self._lift_off.above(estimated) < _LIFTING_RISE
             lifting = flying & standing & (acceleration[:, 2] >= _LIFTING) & low
         watched = free & ~landing
         if self._gaps.any:

@@ -8,13 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.certificate.certificate import load_certificate
+from flatsat_ros.crazyflie.fit import LINK_DELAY
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.thrust import ThrustScale
+from flatsat_ros.flight.tick import Tick
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.closed_loop import fly
 from flatsat_ros.sim.fleet import SimulatedFleet
+from flatsat_ros.sim.sensor import MotionCapture
 
 
 @given(true=st.floats(0.8, 1.2), upward=st.floats(5.0, 14.0), period=st.floats(0.01, 0.1))
@@ -33,6 +36,23 @@ def test_what_the_scale_gains_is_what_disturbs_less(true: float, upward: float, 
         disturbance = disturbance + gained
         assert disturbance == pytest.approx((true / thrust.scale - 1.0) * asked, abs=1e-12)
     assert abs(disturbance[0]) < abs(true / 1.125 - 1.0) * upward + 1e-12
+
+
+def test_what_a_drone_gains_once_it_rises_is_no_lack_of_thrust() -> None:
+    certificate, vehicle = load_certificate("cf2x_2025_adaptive_50hz"), load_vehicle("cf2x_2025")
+    policy = Policy(disturbance_max=0.8, thrust_error_max=0.25, drag=vehicle.dynamics.drag_z)
+    pilot = Pilot(certificate, Tuning(2.0, 0.05, 1.0, certificate.gain_max), policy, 1)
+    fleet = SimulatedFleet(vehicle, 1, capture=MotionCapture(noise=1e-4), command_delay=LINK_DELAY, seed=1)
+    away: list[float] = []
+
+    def observe(_now: float, _samples: object, tick: Tick, _sent: object) -> None:
+        away.append(abs(float(fleet.bodies.position[0, 2] - tick.reference[0, 2])))
+
+    fly(pilot, fleet, vehicle, 1.0)
+    fleet.firmware.request_arming(0, True)
+    pilot.take_off(0, 1.0)
+    fly(pilot, fleet, vehicle, 10.0, observe, start=1.0)
+    assert max(away[round(3.0 / certificate.period) :]) < 0.007  # judged by its height of some ticks ago it is 0.010 m
 
 
 def test_a_take_off_whose_thrust_is_still_learnt_does_not_make_up_for_it_twice() -> None:
