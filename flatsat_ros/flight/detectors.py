@@ -9,9 +9,11 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray, any_of
 
 # A landing drone is carried when it is commanded to accelerate downward by this much, m/s^2, in the mean and stays
-# within so little height, m, for this long, s: in free air it would be three times as far down.
+# within so little height, m, for this long, s: in free air it would be three times as far down. Air that rises holds it
+# as well, but where it is led to: what is carried is above its reference, which sinks on, by so much, m.
 _WELL_BELOW_HOVER = 1.2
 _STEADY = 0.05
+_ABOVE = 0.15
 _CARRIED_TIME = 0.9  # a body that is pushed so and falls freely moves farther in that time, wherever it is on its way
 
 # a drone is off the ground when it is so far, m, from the height at which its lock was opened; it cannot be below
@@ -70,7 +72,9 @@ class TouchDownDetector:
         self._pushed = np.zeros(count)  # change of velocity that was commanded since then, m/s
         self._last = np.inf  # s, of the last look
 
-    def carried(self, now: float, height: FloatArray, upward: FloatArray, landing: np.ndarray) -> np.ndarray:
+    def carried(
+        self, now: float, height: FloatArray, upward: FloatArray, above: FloatArray, landing: np.ndarray
+    ) -> np.ndarray:
         """Tell which drones are carried, (N,).
 
         Args:
@@ -78,6 +82,7 @@ class TouchDownDetector:
             height: (N,) z, m.
             upward: (N,) vertical acceleration that was commanded at the last tick, m/s^2: what the law asks for, with
                 the disturbance that is compensated.
+            above: (N,) height above the reference, m.
             landing: (N,) who lands.
         """
         elapsed, self._last = max(now - self._last, 0.0), now
@@ -89,7 +94,8 @@ class TouchDownDetector:
         self._since = np.where(steady, np.minimum(self._since, now), np.where(landing, now, np.inf))
         self._height = np.where(steady, self._height, height)
         lasted = now - self._since
-        return np.asarray((lasted >= _CARRIED_TIME) & (self._pushed <= -_WELL_BELOW_HOVER * lasted))
+        pushed = (lasted >= _CARRIED_TIME) & (self._pushed <= -_WELL_BELOW_HOVER * lasted)
+        return np.asarray(pushed & (above >= _ABOVE))
 
 
 class LiftOffDetector:

@@ -86,6 +86,7 @@ class Senses:
         self._held = np.zeros(count, dtype=bool)  # it was not seen to take off, until its motors stop
         self._free = np.zeros(count, dtype=bool)  # steered in the air, away from the ground
         self._acceleration = np.zeros((count, 3))  # commanded at the last tick, m/s^2
+        self._above = np.zeros(count)  # height above the reference then, m
         self._push = np.zeros((count, 3))  # commanded change of velocity since the last look, m/s
 
     def sinking_thrust(self, now: float, velocity: FloatArray, usable: np.ndarray) -> FloatArray:
@@ -140,7 +141,7 @@ class Senses:
         self._sight = Sight(
             height=state[:, 2],
             usable=usable,
-            touched_down=self._touch_down.carried(now, state[:, 2], upward, flying & guidance.landing),
+            touched_down=self._touch_down.carried(now, state[:, 2], upward, self._above, flying & guidance.landing),
             held=self._held,
             fell=self._fall.fell(now, state, disturbance[:, 2], upward, height),
             astray=self._gone_astray,
@@ -206,7 +207,7 @@ class Senses:
             newest: (N,) stamps of the newest poses, s; by default there are new ones.
             measured: (N, 3) positions measured then, m; given with the stamps.
         """
-        self._acceleration = acceleration
+        self._acceleration, self._above = acceleration, error[:, 2]
         self._push += self._tick * acceleration
         self._ticks += 1
         if self._ticks % self._every:

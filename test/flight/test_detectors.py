@@ -10,9 +10,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flatsat_ros.certificate.certificate import load_certificate
+from flatsat_ros.crazyflie.fit import LINK_DELAY
+from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.flight.astray import AstrayDetector
 from flatsat_ros.flight.detectors import BobbingDetector, LiftOffDetector, TiltLimitDetector, TouchDownDetector
 from flatsat_ros.flight.following_check import FollowingCheck
+from flatsat_ros.flight.modes import Mode
+from flatsat_ros.flight.pilot import Pilot
+from flatsat_ros.flight.policy import Policy
+from flatsat_ros.flight.tick import Tick
+from flatsat_ros.law.gain import Tuning
+from flatsat_ros.sim.closed_loop import fly
+from flatsat_ros.sim.dynamics import Wind
+from flatsat_ros.sim.fleet import SimulatedFleet
+from flatsat_ros.sim.sensor import MotionCapture
 
 LOOK = 0.05  # s between two looks
 LATE = 0.15  # s
@@ -220,10 +231,10 @@ def test_what_a_wrong_sign_does_at_the_limit_is_no_wind(ratio: float) -> None:
     assert opposed[0] == (ratio < -1.8)
 
 
-def carried(height: list[float], upward: list[float]) -> bool:
-    detector = TouchDownDetector(1)
+def carried(height: list[float], upward: list[float], above: float = 0.3) -> bool:
+    detector, off = TouchDownDetector(1), np.array([above])
     pairs = enumerate(zip(height, upward, strict=True))
-    return any(bool(detector.carried(n * LOOK, np.array([z]), np.array([u]), ON)[0]) for n, (z, u) in pairs)
+    return any(bool(detector.carried(n * LOOK, np.array([z]), np.array([u]), off, ON)[0]) for n, (z, u) in pairs)
 
 
 @given(
@@ -244,6 +255,13 @@ def test_what_is_free_to_fall_is_not(climb: float, upward: float, bias: float) -
 
 def test_what_is_held_in_the_air_by_a_small_command_is_not() -> None:
     assert not carried([1.0] * 100, [-1.0] * 100)
+
+
+@given(above=st.floats(-0.5, 0.5), upward=st.floats(-4.0, -1.3))
+def test_what_is_where_it_is_led_is_not_however_air_that_rises_makes_it_be_commanded(
+    above: float, upward: float
+) -> None:
+    assert carried([1.0] * 40, [upward] * 40, above) == (above >= 0.15)
 
 
 @given(way=st.floats(0.0, 0.5), rises=st.booleans())
@@ -302,3 +320,25 @@ def test_who_was_taken_over_and_stands_still_goes_not_astray_however_it_is_comma
     assert not np.any(found[:60]), "who was not seen to move is not judged"
     assert np.any(found, axis=0).tolist() == [False, True]
     assert np.any(found[:75], axis=0)[1], "and then by what was commanded before as well"
+
+
+def test_air_that_rises_is_not_taken_for_the_ground_by_a_drone_that_is_about_to_land() -> None:
+    vehicle, certificate = load_vehicle("thrust_kit"), load_certificate("thrust_kit_adaptive_100hz")
+    fleet = SimulatedFleet(vehicle, 1, capture=MotionCapture(noise=1e-4), command_delay=LINK_DELAY)
+    policy = Policy(disturbance_max=0.8, thrust_error_max=0.25, drag=vehicle.dynamics.drag_z)
+    pilot, stopped = Pilot(certificate, Tuning(2.0, 0.05, 1.0, certificate.gain_max), policy, 1), []
+
+    def look(_now: float, _samples: object, tick: Tick, _sent: object) -> None:
+        stopped.extend(fleet.bodies.position[i, 2] for i, _, after, _ in tick.transitions if after is Mode.REST)
+
+    time = fly(pilot, fleet, vehicle, 1.0)
+    pilot.take_off(0, 1.5)
+    time = fly(pilot, fleet, vehicle, 8.0, start=time)
+    for rising in (0.6, 1.2, 1.8, 2.4, 2.6, 2.8, 3.0, 3.2):
+        if rising == 2.4:
+            pilot.land(0)
+        fleet.wind = Wind(mean=(0.0, 0.0, rising))
+        time = fly(pilot, fleet, vehicle, time + 0.3, look, start=time)
+    fleet.wind = Wind()
+    fly(pilot, fleet, vehicle, time + 10.0, look, start=time)
+    assert stopped == [0.0]
