@@ -103,7 +103,6 @@ class LiftOffDetector:
 
     Attributes:
         standing: (N,) who may stand on something: it was not seen to leave the place where it was watched first.
-        rise: (N,) how far each of these was seen above where it stood at the last look, m.
         slid: (N,) who of these has moved sideways instead.
         sunk: (N,) who of these is seen below the ground instead.
     """
@@ -118,7 +117,6 @@ class LiftOffDetector:
         """
         self._patience, self._enough = patience, enough
         self.standing = self.slid = self.sunk = self._nobody = np.zeros(count, dtype=bool)
-        self.rise = np.zeros(count)
         self._aside = np.full(count, np.inf)  # who is so far along x or y is in the air, m
         self._place = np.zeros((count, 3))  # where each stood last, m
         self._highest = np.zeros(count)  # how far each was seen to rise from there at most, m
@@ -138,8 +136,7 @@ class LiftOffDetector:
         self.standing = self.standing.copy()
         self._aside[index] = _MOVED_ASIDE if taken_over else np.inf
         self.standing[index], self._place[index], self._held_since[index] = True, place, np.inf
-        self._enough_since[index], self._unseen[:, index] = np.inf, 0.0
-        self._highest[index] = self.rise[index] = 0.0
+        self._enough_since[index], self._unseen[:, index], self._highest[index] = np.inf, 0.0, 0.0
 
     def risen(self, index: int, place: FloatArray) -> float:
         """Return how high drone index, which is seen at a place (3,), m, is if all its way led upward, m."""
@@ -178,11 +175,10 @@ class LiftOffDetector:
             return self._nobody
         way = place - self._place
         moved = np.abs(way)
-        self.rise = way[:, 2]
-        np.maximum(self._highest, self.rise, out=self._highest)
+        np.maximum(self._highest, way[:, 2], out=self._highest)
         self.slid = self.sunk = self._nobody
         if any_of(moved > _MOVED_ASIDE):
-            self.sunk = flying & self.standing & (self.rise < -LIFTED_OFF)
+            self.sunk = flying & self.standing & (way[:, 2] < -LIFTED_OFF)
             self.standing = self.standing & (moved[:, 2] < LIFTED_OFF) & (moved[:, :2].max(axis=1) < self._aside)
             aside = np.hypot(moved[:, 0], moved[:, 1])
             self.slid = flying & self.standing & (aside > _SLID) & (_HOPPED * aside > self._highest)

@@ -60,7 +60,8 @@ class Steered(NamedTuple):
         grounded: (N,) who is steered and has not left the ground yet.
         landing: (N,) who lands; None for nobody.
         touching: (N,) who of these is so low that the ground may carry it; None for nobody.
-        resting: returns who was taken over and has not risen since, (N,): asked for where it matters alone.
+        resting: returns who was taken over and has not risen since, (N,), by what is estimated, (N, 9): asked for where
+            it matters alone.
     """
 
     flying: np.ndarray
@@ -68,7 +69,7 @@ class Steered(NamedTuple):
     grounded: np.ndarray
     landing: np.ndarray | None
     touching: np.ndarray | None
-    resting: Callable[[], np.ndarray]
+    resting: Callable[[FloatArray], np.ndarray]
 
 
 class Loop(ABC):
@@ -199,7 +200,7 @@ class PredictedLoop(Loop):
         state, push = predictor.state, predictor.disturbance
         most: float | FloatArray = self._most
         met = state + predictor.ahead(reference, self._references.jerk(now) if self._second else None)
-        if self._is_doubted(now, drones):
+        if self._is_doubted(now, estimated, drones):
             doubts = self._doubts
             plain = self._estimator.estimate(now)
             met = np.where(doubts[:, _OF_STATE], plain[:, :6], met)
@@ -216,7 +217,7 @@ class PredictedLoop(Loop):
             base[:, 6:] = self._limits.saturate(base[:, 6:])
         return Aim(met, base, self._error, disturbance)
 
-    def _is_doubted(self, now: float, drones: Steered) -> bool:
+    def _is_doubted(self, now: float, estimated: FloatArray, drones: Steered) -> bool:
         """Find whose loop is not the proved one; tell whether there are any."""
         doubt, monitors = self._doubt, self._monitors
         if not monitors.quiet:
@@ -229,7 +230,7 @@ class PredictedLoop(Loop):
             if drones.landing is not None:  # nor is a table that nobody knew of
                 higher, height = self._predictor.innovation[:, 2], self._estimator.measured[:, 2]
                 innovation[self._carried.look(now, drones.landing, higher, height)] = 0.0
-            doubt.rest(now, drones.resting())
+            doubt.rest(now, drones.resting(estimated))
             doubt.look(now, airborne, self._predictor.age, innovation)
         if doubt.any:
             self._doubts = doubt.of(now)

@@ -150,9 +150,9 @@ class Senses:
         )
         return self._sight
 
-    def resting(self) -> np.ndarray:
-        """Return who was taken over, wherever that was, and had not risen since at the last look, (N,)."""
-        return np.asarray(self._lift_off.standing & ~self._unlocked & (self._lift_off.rise < _RESTS))
+    def resting(self, estimated: FloatArray) -> np.ndarray:
+        """Return who was taken over, wherever that was, and has not risen since, (N,), by estimates (N, 9)."""
+        return np.asarray(self._lift_off.standing & ~self._unlocked & (self._lift_off.above(estimated) < _RESTS))
 
     def _judge_lift_off(self, state: FloatArray) -> None:
         """Take those for astray that leave the ground another way than upward; state is (N, 6), m, m/s."""
