@@ -31,7 +31,7 @@ def test_of_commands_that_come_too_late_something_is_said() -> None:
 
 def test_what_is_allowed_in_gusts_is_an_alarm_in_air_that_is_as_assumed() -> None:
     said = Said(20.0, 0, "tube not claimed: it is disturbed, 0.6 m/s^2, bound 0.5 m/s^2", "turn")
-    flights = [drawn(seed, [DEFAULT_CERTIFICATE]) for seed in range(12)]
+    flights = [drawn(seed, [DEFAULT_CERTIFICATE]) for seed in range(30)]
     assert {(flight.blows, flight.disturbs) for flight in flights} == {(False, False), (True, False), (True, True)}
     for flight in flights:
         found = list(alarms(flight, Flown(30.0, 0.1, [said], [], ["turn"])))

@@ -13,6 +13,7 @@ from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.certificate.certificate import Certificate, load_certificate
 from flatsat_ros.crazyflie.fit import require_fit
 from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
+from flatsat_ros.flight.policy import Policy
 from flatsat_ros.sim.dynamics import Wind
 from flatsat_ros.sim.power import Battery
 from flatsat_ros.sim.sensor import NOISE_BOUND, MotionCapture
@@ -85,10 +86,13 @@ class Drawn:
 
     @property
     def disturbs(self) -> bool:
-        """The air moves more than the certificate assumes: a wind pushes more, or gusts change faster."""
-        flight, wind = self.certificate.flight, float(np.hypot(*self.wind.mean[:2]))
+        """The air moves more than the certificate assumes, as far as estimates tell: wind pushes, or gusts change."""
+        flight, dynamics = self.certificate.flight, self.vehicle.dynamics
         assert flight is not None
-        return self.wind.gust > 0.0 or self.vehicle.dynamics.drag_xy * wind > flight.disturbance
+        axis = flight.horizontal
+        speed = float(np.hypot(*self.wind.mean[:2])) + (0.0 if axis.design.model.drag else Policy.speed_max)
+        push = dynamics.drag_xy * speed / dynamics.attitude_gain
+        return self.wind.gust > 0.0 or (self.blows and push + axis.tube.disturbance > flight.disturbance)
 
     @property
     def is_noisy(self) -> bool:
