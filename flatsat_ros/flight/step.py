@@ -135,16 +135,15 @@ class ControlStep:
                 if flying[index]:
                     guidance.land(index, now, state[index, :3])
         # on the ground nothing is claimed, before a flight and at its end
-        watched = flying & ~grounded
-        if touching is not None:
-            watched &= ~touching
+        lifted = flying & ~grounded
+        watched = lifted if touching is None else lifted & ~touching
         for index in parts.loop.astray():
             if watched[index] and not guidance.landing[index]:
                 guidance.land(index, now)
                 self.reports.append(Report(index, f"{parts.loop.unclaimed(index)}: it brakes and lands"))
         self._full = command[:, 0] >= _FULL * self._certificate.limits.thrust_max
         changing = bool(transitions) or senses.looked
-        aloft = level | (flying & ~grounded) if changing else None
+        aloft = level | lifted if changing else None
         estimator.command(now, acceleration, free, aloft)
         told = senses.reports() + estimator.complaints() + parts.loop.reports(watched)
         reports, self.reports = self.reports + [Report(*entry) for entry in told], []

@@ -69,19 +69,11 @@ class UnmovedDetector:
         self._skips = not self._skips
         if self._skips:
             return self._nobody
-        stands = np.abs(estimated[:, 2] - self._height) <= STILL
-        stands &= watched
-        anew = ~(stands & (self._lasted < _WINDOW))
-        if any_of(anew):
-            self._past[:, anew] = np.where(stands[anew], [self.way[anew], self._speed[anew]], 0.0)
-        self._lasted += self._period
-        self._speed += self._push
-        self._speed += self._period * self._balance
-        self.way += self._period * self._speed
-        if any_of(anew):
-            self._height[anew], self._speed[anew] = estimated[anew, 2], estimated[anew, 5]
-            self._balance[anew] = estimated[anew, 8]
-            self._lasted[anew] = self.way[anew] = 0.0
+        if any_of(watched):
+            self._follow(estimated, watched)
+        else:
+            self._past[:] = 0.0
+            self._begin(slice(None), estimated)
         self._push[:] = 0.0
         share = self._period / _ROUGH_TIME
         off = estimated[:, 6:8] - self._wind
@@ -98,6 +90,26 @@ class UnmovedDetector:
         away &= self._rested < _RESTED
         known = settled & (self._gust < _ROUGH)
         return np.asarray(away & (-np.sign(error) * self.way >= np.where(known, *_WAY)))
+
+    def _follow(self, estimated: FloatArray, watched: np.ndarray) -> None:
+        """Add up what the commands of those that stand still should have come to, see `look`."""
+        stands = np.abs(estimated[:, 2] - self._height) <= STILL
+        stands &= watched
+        anew = ~(stands & (self._lasted < _WINDOW))
+        if any_of(anew):
+            self._past[:, anew] = np.where(stands[anew], [self.way[anew], self._speed[anew]], 0.0)
+        self._lasted += self._period
+        self._speed += self._push
+        self._speed += self._period * self._balance
+        self.way += self._period * self._speed
+        if any_of(anew):
+            self._begin(anew, estimated)
+
+    def _begin(self, which: np.ndarray | slice, estimated: FloatArray) -> None:
+        """Begin with where some drones are and how they move, see `look`."""
+        self._height[which], self._speed[which] = estimated[which, 2], estimated[which, 5]
+        self._balance[which] = estimated[which, 8]
+        self._lasted[which] = self.way[which] = 0.0
 
     def climb(self, index: int) -> tuple[float, float]:
         """Return how far, m, and how fast, m/s, drone index should have climbed since its height stands still."""
