@@ -2,3 +2,9 @@
 
 `drawn` has what a flight is made of, `flight` flies it, `sayings` judges what was said.
 """
+
+from flatsat_ros.falsification.ordinary.drawn import Drawn
+from flatsat_ros.falsification.ordinary.flight import Flown, OrdinaryFlight, Said
+from flatsat_ros.falsification.ordinary.sayings import alarms
+
+__all__ = ["Drawn", "Flown", "OrdinaryFlight", "Said", "alarms"]
