@@ -393,6 +393,8 @@ def test_all_drones_together_are_estimated_like_each_alone(
     together, alone, now = Estimator(3), [Estimator(1) for _ in range(3)], 0.0
     for index, dt, position, push in stream:
         now += abs(dt)
+        if abs(position[0]) > 400.0:
+            continue
         position = (position[0] + 1000.0 * index, *position[1:])  # no drone where another one could be
         assert together.measure(index, now, position, LEVEL, now) == alone[index].measure(0, now, position, LEVEL, now)
         pushes = np.outer([1.0, -1.0, 0.5], push)
