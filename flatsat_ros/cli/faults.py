@@ -68,7 +68,11 @@ def _fly(arguments: argparse.Namespace) -> int:
     if workers < 1:
         raise refusal("--workers", workers, "", "at least 1")
     phases = list(Phase) if arguments.phase is None else [Phase(arguments.phase)]
-    wanted = [(name, phase) for name in _names(arguments, FAULTS) for phase in phases]
+    names = _names(arguments, FAULTS)
+    wanted = [(name, phase) for name in names for phase in phases if phase in FAULTS[name].phases]
+    if not wanted:
+        valid = ", ".join(phase.value for phase in FAULTS[names[0]].phases)
+        raise refusal("--phase", arguments.phase, "", f"one in which {names[0]} is flown, {valid}")
     certificate = _certificate(arguments)
     return _collect(fly_rows(wanted, workers, certificate), len(wanted), _folder(arguments), certificate)
 
@@ -152,11 +156,11 @@ def _replay(arguments: argparse.Namespace) -> int:
     from flatsat_ros.falsification.faults.table import FAULTS
 
     shell.require_alone(arguments, "replay", "certificate")
-    phases = [phase.value for phase in Phase]
     name, _, rest = arguments.replay.partition(":")
     phase, _, seed = rest.partition(":")
+    phases = [phase.value for phase in (FAULTS[name].phases if name in FAULTS else Phase)]
     if name not in FAULTS or phase not in phases or not (seed or "0").isdecimal():
-        valid = f"FAULT:PHASE or FAULT:PHASE:SEED with a fault of --help and a phase of {', '.join(phases)}"
+        valid = f"FAULT:PHASE or FAULT:PHASE:SEED with a fault of --help and its phase, {', '.join(phases)}"
         raise refusal("--replay", arguments.replay, "", valid)
     row, scene = replay(name, Phase(phase), int(seed) if seed else SEED, _certificate(arguments))
     print(history(row, scene))

@@ -74,6 +74,8 @@ def test_another_certificate_is_flown_but_not_into_the_same_table(
         ["--replay", "nothings:hover"],
         ["--replay", "nothing:hovering"],
         ["--replay", "nothing:hover:-1"],
+        ["--replay", "poses_late_0.2s_from_start:hover"],
+        ["--fault", "poses_late_0.2s_from_start", "--phase", "hover"],
         ["--workers", "0"],
         ["--fault", "nothings"],
         ["--live", "--fault", "nothing"],

@@ -116,7 +116,9 @@ def test_the_matrix_is_as_large_as_it_should_be() -> None:
     assert [phase.value for phase in Phase] == ["hover", "moving", "take-off", "landing", "swap"]
     assert all(name == fault.name and fault.meaning for name, fault in FAULTS.items())
     assert all(list(fault.steps) == sorted(fault.steps, key=lambda step: step[0]) for fault in FAULTS.values())
-    assert len(EXISTING) == len(set(EXISTING)) == len(Phase) * len(FAULTS) + len(LIVE_FAULTS)
+    each = [fault.phases for fault in FAULTS.values()]
+    assert len(EXISTING) == len(set(EXISTING)) == sum(map(len, each)) + len(LIVE_FAULTS)
+    assert set(each) == {tuple(Phase), (Phase.TAKE_OFF,)}, "one that begins before the take-off needs no other phase"
 
 
 def accepted(**changes: Any) -> Accepted:
@@ -147,7 +149,10 @@ def test_what_is_accepted_exists_and_is_little() -> None:
         ([accepted(fault="y_up")], "'y_up': must be a fault other than those that must always pass"),
         ([accepted(advice="")], "must be a sentence"),
         ([accepted(), accepted()], "'gusts_2, gusts_2': must be each fault once"),
-        ([accepted(fault=name) for name in sorted(set(FAULTS) - NEVER)[: FAULTS_MAX + 1]], "= 6: must be at most 5"),
+        (
+            [accepted(fault=name, phases=("take-off",)) for name in sorted(set(FAULTS) - NEVER)[: FAULTS_MAX + 1]],
+            "= 6: must be at most 5",
+        ),
     ],
 )
 def test_what_may_not_be_accepted_is_refused(entries: list[Accepted], reason: str) -> None:

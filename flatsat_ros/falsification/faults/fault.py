@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from flatsat_ros.falsification.faults.criteria import Bounds
-from flatsat_ros.falsification.faults.phases import STANDING, Phase
+from flatsat_ros.falsification.faults.phases import STANDING, Phase, land_all
 from flatsat_ros.falsification.faults.scene import Scene
 from flatsat_ros.sim.faults import CommandFault, PoseFault, of_drones
 
@@ -16,6 +16,7 @@ Action = Callable[[Scene], None]
 ONE = (0,)  # the drone that has the fault
 ALL = (0, 1, 2)
 EARLY = -STANDING
+_FLOWN = 14.0  # s, to the landing of drones that had the fault before they took off
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +35,7 @@ class Fault:
             was set up wrong; None: when they have risen a little.
         height: of the flight, m.
         watched: for how long after the last step the drones are watched, s.
+        phases: in which it is flown.
     """
 
     name: str
@@ -46,6 +48,7 @@ class Fault:
     since_take_off: float | None = None
     height: float = 1.0
     watched: float = 10.0
+    phases: tuple[Phase, ...] = tuple(Phase)
 
 
 def poses(make: Callable[[Scene], PoseFault], victims: tuple[int, ...] = ONE) -> Action:
@@ -62,3 +65,18 @@ def end(scene: Scene) -> None:
     """End all faults of poses and commands."""
     scene.link.poses.clear()
     scene.link.commands.clear()
+
+
+def from_the_start(name: str, meaning: str, fault: Action, bounds: Bounds, **more: Any) -> Fault:
+    """Return a fault that begins before the take-off; the drones fly with it, and are told to land.
+
+    Args:
+        name: on the command line, to which an ending is added.
+        meaning: what goes wrong, in words.
+        fault: begins it, for all drones.
+        bounds: what they must keep.
+        more: of `Fault`, what is other than by default.
+    """
+    given = {"victims": ALL, "since_take_off": EARLY, "phases": (Phase.TAKE_OFF,), **more}
+    steps = ((0.0, fault), (_FLOWN, land_all))
+    return Fault(f"{name}_from_start", f"{meaning}, from before the take-off on", steps, bounds, **given)

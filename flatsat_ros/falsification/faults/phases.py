@@ -81,10 +81,15 @@ def _move(scene: Scene, height: float) -> None:
     scene.let_pass(_MOVING)
 
 
-def _land(scene: Scene, height: float) -> None:
-    _hover(scene, height)
+def land_all(scene: Scene) -> None:
+    """Ask all drones to land."""
     for drone in range(scene.fleet.count):
         scene.land(drone)
+
+
+def _land(scene: Scene, height: float) -> None:
+    _hover(scene, height)
+    land_all(scene)
     scene.let_pass(_SINKING)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from flatsat_ros.falsification.faults.criteria import Bounds, End
-from flatsat_ros.falsification.faults.fault import ALL, EARLY, ONE, Action, Fault, end, poses
+from flatsat_ros.falsification.faults.fault import ALL, EARLY, ONE, Action, Fault, end, from_the_start, poses
 from flatsat_ros.falsification.faults.phases import Phase
 from flatsat_ros.falsification.faults.scene import Scene
 from flatsat_ros.flight.policy import YawSource
@@ -119,6 +119,19 @@ POSE_FAULTS = (
     _lasting("poses_late_0.1s", "poses arrive 0.1 s late, stamps are right", lambda _: faults.delayed(0.1), _SURVIVED),
     _lasting("poses_late_0.2s", "poses arrive 0.2 s late, stamps are right", lambda _: faults.delayed(0.2), _SAFE),
     _lasting("poses_late_0.3s", "poses arrive 0.3 s late, stamps are right", lambda _: faults.delayed(0.3), _SAFE),
+    *(
+        from_the_start(
+            f"poses_late_{late:g}s",
+            f"poses arrive {late:g} s late, stamps are right",
+            poses(lambda _, late=late: faults.delayed(late), ALL),  # type: ignore[misc]
+            bounds,
+        )
+        for late, bounds in (
+            (0.1, Bounds(End.DOWN, distance=0.5)),
+            (0.2, Bounds(End.DOWN, distance=0.5, told=_POSE)),
+            (0.3, Bounds(End.DOWN, told=_POSE)),
+        )
+    ),
     _lasting("poses_noisy", "noise of 5 mm", lambda s: faults.noisy(0.005, s.seed), _SURVIVED),
     _lasting(
         "poses_jumping", "every second one pose is 1 m off", lambda _: faults.jumping((1.0, 0.0, 0.0), 1.0), _SURVIVED

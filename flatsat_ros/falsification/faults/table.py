@@ -6,7 +6,6 @@ from flatsat_ros.falsification.faults.clocks import CLOCK_FAULTS
 from flatsat_ros.falsification.faults.fault import Fault
 from flatsat_ros.falsification.faults.live_table import LIVE_FAULTS
 from flatsat_ros.falsification.faults.orders import ORDER_FAULTS
-from flatsat_ros.falsification.faults.phases import Phase
 from flatsat_ros.falsification.faults.poses import POSE_FAULTS
 from flatsat_ros.falsification.faults.vehicle import VEHICLE_FAULTS
 
@@ -16,4 +15,5 @@ FAULTS: dict[str, Fault] = {
 
 LIVE = "live"  # the phase of rows that real processes fly
 # fault and phase of every row, in the order of the page
-EXISTING = [(name, phase.value) for name in FAULTS for phase in Phase] + [(name, LIVE) for name in LIVE_FAULTS]
+EXISTING = [(name, phase.value) for name, fault in FAULTS.items() for phase in fault.phases]
+EXISTING += [(name, LIVE) for name in LIVE_FAULTS]
