@@ -19,6 +19,9 @@ from flatsat_ros.law.flatness import input_from_acceleration
 
 # a thrust of this share of T_max is at its limit
 _FULL = 0.98
+# A landing drone near its ground that is told so small a share of the thrust of a hover is carried by it, and is not
+# told to tilt: as the thrust goes, the noise of an estimate becomes a tilt to the limit, which motors would answer.
+_CARRIED = 0.5
 # s: after so long without a tick that is told; the firmware takes set-points for lost after 0.5 s
 _PAUSE = 0.2
 
@@ -111,6 +114,8 @@ class ControlStep:
                 self.reports.append(Report(index, "its orientation is not seen and yaw_source is measured: it lands"))
         yaw_rate = parts.yaw.turn(estimator.yaw, references.yaw, turned, kept)
         command, acceleration = self._command(now, output, flying, level)
+        if touching is not None:
+            command, acceleration = self._standing(command, acceleration, touching)
         commanded = acceleration  # as far as the yaw is right
         if any_of(senses.braking.active):
             commanded = self._brake(command, acceleration, level & usable)
@@ -217,6 +222,25 @@ class ControlStep:
             thrust = self._parts.senses.sinking_thrust(now, self.state[:, 3:], self.usable)
             command[level, 0] = thrust[level]
             acceleration[level, 2] = thrust[level] - self._certificate.limits.gravity
+        return command, acceleration
+
+    def _standing(
+        self, command: FloatArray, acceleration: FloatArray, touching: np.ndarray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return input and acceleration (N, 3), level for those whom the ground carries.
+
+        Args:
+            command: (N, 3) input.
+            acceleration: (N, 3) that shall come, m/s^2.
+            touching: (N,) who lands and is so low that the ground may carry it.
+        """
+        gravity = self._certificate.limits.gravity
+        stands = touching & (command[:, 0] < _CARRIED * gravity)
+        if not any_of(stands):
+            return command, acceleration
+        command, acceleration = command.copy(), acceleration.copy()
+        command[stands, 1:] = acceleration[stands, :2] = 0.0
+        acceleration[stands, 2] = command[stands, 0] - gravity
         return command, acceleration
 
     def _brake(self, command: FloatArray, acceleration: FloatArray, sinking: np.ndarray) -> FloatArray:

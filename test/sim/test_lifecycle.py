@@ -137,6 +137,28 @@ def test_after_the_landing_zeros_are_sent_for_longer_than_the_firmware_watches()
     assert flight.modes[-1] is Mode.IDLE
 
 
+@pytest.mark.parametrize("name", ["cf21_adaptive_50hz", "cf21_tight_50hz", "cf21_soft_50hz"])
+def test_as_the_thrust_goes_what_the_ground_carries_is_not_told_to_tilt(name: str) -> None:
+    """With little thrust the noise of an estimate is a large tilt, which a firmware answers with its motors."""
+    certificate = load_certificate(name)
+    policy = Policy(disturbance_max=0.8, thrust_error_max=0.25)
+    pilot = Pilot(certificate, Tuning(2.0, 0.05, 1.0, certificate.gain_max), policy, 1)
+    fleet = SimulatedFleet(VEHICLE, 1, capture=MotionCapture(noise=5e-4))
+    tilts = []
+
+    def observe(_now: float, _samples: list[Sample], tick: Tick, _sent: dict[int, WireSetpoint]) -> None:
+        if fleet.bodies.position[0, 2] < 1e-3 and 0.0 < tick.input[0, 0] < 0.5 * GRAVITY:
+            tilts.append(float(np.abs(tick.input[0, 1:]).max()))
+
+    now = fly(pilot, fleet, VEHICLE, 0.5)
+    pilot.take_off(0, 0.5)
+    now = fly(pilot, fleet, VEHICLE, now + 8.0, observe, start=now)
+    pilot.land(0)
+    fly(pilot, fleet, VEHICLE, now + 10.0, observe, start=now)
+    assert len(tilts) > 0.2 / certificate.period
+    assert max(tilts) == 0.0
+
+
 def test_a_new_goal_ends_the_landing() -> None:
     flight = Flight()
     flight.pilot.take_off(0, 1.0)
