@@ -54,6 +54,8 @@ def table(certificate: Certificate, start: FloatArray | None = None) -> str:
         lines += _rows(("start errors covered", f"with kappa = {kappa:.4g}; rate at kappa, undelayed: {rate:.4g} 1/s"))
     check = provenance.get("cross_check", {})
     lines += _rows(("solver", f"{provenance.get('solver', 'not stated')}, {check.get('status', 'not stated')}"))
+    if "reason" in check:
+        lines += _rows(("why not", check["reason"]))
     if "relative_tolerance" in check:
         lines += _rows(("agrees with closed form", f"to {check['relative_tolerance']:.0e}, relative"))
     for claim, share in provenance.get("lowered_for_rounding", {}).items():

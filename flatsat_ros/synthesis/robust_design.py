@@ -32,12 +32,9 @@ from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.certificate.sets import Sets
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis.gain_cap import gain_cap
-from flatsat_ros.synthesis.robust_program import largest_spread, line_search
+from flatsat_ros.synthesis.robust_program import TOLERANCE, largest_spread, line_search
 from flatsat_ros.synthesis.rounding import round_down, round_up
-from flatsat_ros.synthesis.solver import agreement, solver_name
-
-# Largest relative difference between the line search with the solver and the closed form.
-TOLERANCE = 1e-5
+from flatsat_ros.synthesis.solver import cross_checked, solver_name
 
 # Significant digits of the share p of a period's growth that is the disturbance's.
 _SHARE_DIGITS = 4
@@ -78,8 +75,8 @@ def synthesize_robust(
         A certificate that `verify` accepts.
 
     Raises:
-        FlatsatError: the disturbance is too large for the limits, the period too long for the disturbance, or solver
-            and closed form disagree.
+        FlatsatError: the disturbance is too large for the limits, the period too long for the disturbance, or the
+            solver's answer and the closed form differ by more than `TOLERANCE`.
     """
     drift, push = finite_array("drift", drift, 2), finite_array("push", push, 2)
     for quantity, pair, unit in (("drift", drift, "m/s"), ("push", push, "m/s^2")):
@@ -94,7 +91,11 @@ def synthesize_robust(
         interval = f"from {max(smallest, 1e-3):.6g} to {largest:.6g} 1/s for this disturbance"
         raise refusal("rate (beta)", rate, "1/s", interval)
     rate, blocks = _provable(box, drift, push, smallest, largest, rate)
-    check = _cross_check(box, drift, push, rate, largest)
+    check = cross_checked(
+        "semidefinite programs with a line search over beta",
+        lambda: _differences(box, drift, push, rate, largest),
+        TOLERANCE,
+    )
     timing = Timing(period)
     sets = robust_sets(limits, timing, blocks, drift, push)
     gain_max, floor, share = _sampled(timing, blocks, drift, push, sets.floor)
@@ -112,10 +113,10 @@ def synthesize_robust(
         robust=Robust(rate, drift, push, box, floor, share),
         provenance={
             "package": f"flatsat_ros {flatsat_ros.__version__}",
-            "method": "closed form, cross-checked by semidefinite programs with a line search over beta",
+            "method": check["method"],
             "inputs": dict(inputs or {}),
             "solver": solver_name(),
-            "cross_check": check,
+            "cross_check": check["cross_check"],
         },
     )
     certificate.verify()
@@ -208,20 +209,17 @@ def rate_interval(box: FloatArray, drift: FloatArray, push: FloatArray) -> tuple
     return low, high
 
 
-def _cross_check(
-    box: FloatArray, drift: FloatArray, push: FloatArray, rate: float, largest: float
-) -> dict[str, object]:
-    """Find beta and Q with the solver and compare."""
+def _differences(box: FloatArray, drift: FloatArray, push: FloatArray, rate: float, largest: float) -> dict[str, float]:
+    """Find beta and Q with the solver and return how far off they are, relatively."""
     found = line_search(box, drift, push)
     Q = largest_spread(rate, drift, push)
     blocks = closed_form_blocks(rate, drift, push)
     P = np.kron(blocks[0], np.diag([1.0, 1.0, 0.0])) + np.kron(blocks[1], np.diag([0.0, 0.0, 1.0]))
     factor = np.linalg.cholesky(P)
-    differences = {
+    return {
         "beta": abs(found / largest - 1.0),
         "Q": float(np.abs(np.linalg.eigvalsh(factor.T @ Q @ factor) - 1.0).max()),
     }
-    return agreement(differences, TOLERANCE)
 
 
 def robust_sets(

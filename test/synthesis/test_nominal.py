@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import cvxpy as cp
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -104,18 +103,3 @@ def test_a_wrong_level_is_caught_by_the_solver(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(nominal, "solve_level", lambda matrix, rate, ball: 1.1 * ball / rate)
     with pytest.raises(FlatsatError, match=r"differ in eps by 0[.]1"):
         nominal.synthesize(LIMITS, 1.2, 0.1, "wrong")
-
-
-def test_a_failing_solver_is_not_taken_for_infeasibility(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(self: cp.Problem, **options: object) -> None:
-        raise cp.error.SolverError("out of luck")
-
-    monkeypatch.setattr(cp.Problem, "solve", fail)
-    with pytest.raises(FlatsatError, match=r"solver failed on the decay program .*does not make it infeasible.*luck"):
-        nominal.synthesize(LIMITS, 1.2, 0.1, "unlucky")
-
-
-def test_an_inaccurate_answer_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cp.Problem, "status", property(lambda self: cp.OPTIMAL_INACCURATE))
-    with pytest.raises(FlatsatError, match="'optimal_inaccurate' for the decay program: must be 'optimal'"):
-        nominal.synthesize(LIMITS, 1.2, 0.1, "inaccurate")

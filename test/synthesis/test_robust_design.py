@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, reject, settings
 from hypothesis import strategies as st
 
 from flatsat_ros.base.constants import GRAVITY
@@ -18,7 +18,8 @@ from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis import robust_design as robust
 from flatsat_ros.synthesis.robust_design import closed_form_blocks, largest_box, rate_interval, synthesize_robust
-from flatsat_ros.synthesis.robust_program import line_search
+from flatsat_ros.synthesis.robust_program import TOLERANCE, largest_spread, line_search
+from flatsat_ros.synthesis.solver import UnsolvedError
 
 LIMITS = InputSet(2.0 * GRAVITY, math.radians(40.0))
 DRIFT, PUSH, NONE = (0.5, 0.3), (0.4, 0.2), (0.0, 0.0)
@@ -54,6 +55,7 @@ def test_the_identity_for_e_is_infeasible() -> None:
     drift=st.tuples(st.floats(0.05, 1.0), st.floats(0.0, 1.0)),
     share=st.floats(0.0, 0.5),
 )
+@example(thrust=2.0, tilt=0.7, drift=(0.9530275458526956, 0.0), share=0.48495004279397824)
 def test_line_search_and_closed_form_agree(
     thrust: float, tilt: float, drift: tuple[float, float], share: float
 ) -> None:
@@ -64,7 +66,36 @@ def test_line_search_and_closed_form_agree(
         _, largest = rate_interval(box, np.array(drift), push)
     except FlatsatError:
         return
-    assert line_search(box, np.array(drift), push) == pytest.approx(largest, rel=robust.TOLERANCE)
+    try:
+        found = line_search(box, np.array(drift), push)
+    except UnsolvedError:
+        reject()  # says nothing about either
+    assert found == pytest.approx(largest, rel=TOLERANCE)
+
+
+@pytest.mark.parametrize(
+    ("drift", "push"),
+    [(NONE, (2.743, 0.0)), ((30.0, 0.0), NONE), ((60.0, 0.0), NONE)],
+    ids=["the rates allowed lie between 7.34 and 7.72", "a strong drift", "the largest rate is 6e-4"],
+)
+def test_the_solver_finds_the_closed_form_where_it_is_hard_to_find(
+    drift: tuple[float, float], push: tuple[float, float]
+) -> None:
+    box, disturbance = largest_box(LIMITS), (np.array(drift), np.array(push))
+    _, largest = rate_interval(box, *disturbance)
+    assert line_search(box, *disturbance) == pytest.approx(largest, rel=TOLERANCE)
+    Q = largest_spread(largest, *disturbance)
+    blocks = closed_form_blocks(largest, *disturbance)
+    for block, own in zip(blocks, (Q[np.ix_([0, 3], [0, 3])], Q[np.ix_([2, 5], [2, 5])]), strict=True):
+        factor = np.linalg.cholesky(block)
+        np.testing.assert_allclose(np.linalg.eigvalsh(factor.T @ own @ factor), 1.0, rtol=TOLERANCE)
+
+
+def test_where_the_solver_cannot_tell_the_largest_rate_it_says_so() -> None:
+    box = largest_box(LIMITS)
+    push = np.array([(1.0 - 1e-10) * box[0] / math.sqrt(2.0), 0.0])  # almost the largest there is a rate for
+    with pytest.raises(UnsolvedError, match="next to nothing"):
+        line_search(box, np.zeros(2), push)
 
 
 @given(rate=st.floats(0.1, 3.0), drift=st.floats(0.0, 0.7), push=st.floats(0.0, 0.4))
