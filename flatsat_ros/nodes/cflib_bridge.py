@@ -11,6 +11,7 @@ import socket
 import sys
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from enum import Enum
 from functools import partial
 from pathlib import Path
@@ -77,7 +78,6 @@ class CflibBridge(ProgramNode):
         robots = declare_robots(self)
         self.robots = [robot.name for robot in robots]
         addresses = self._addresses(robots)
-        self._claims = [_claim(address) for address in addresses]
         self._vehicles = dict(zip(self.robots, declare_vehicles(self, robots), strict=True))
         pose_rate = declare(
             self,
@@ -108,6 +108,7 @@ class CflibBridge(ProgramNode):
         self.create_service(Empty, everybody, partial(self._on_emergency, self.links))
         self._watch = LinkWatch(self, self.links, [vehicle.battery.low_voltage for vehicle in self._vehicles.values()])
         require_known_parameters(self)
+        self._claims = _claimed(addresses)  # last: nothing is refused any more
         for link in self.links:
             link.start()
         pairs = zip(self.robots, addresses, strict=True)
@@ -282,6 +283,18 @@ def _import_links() -> Any:
     except ModuleNotFoundError as error:
         raise FlatsatError(f'{error}: cflib_bridge needs cflib: pip install "flatsat_ros[crazyflie]"') from error
     return cflib_link
+
+
+def _claimed(addresses: Sequence[Address]) -> list[socket.socket]:
+    """Take drones for this process, all or none.
+
+    Raises:
+        FlatsatError: another bridge has one.
+    """
+    with ExitStack() as claims:
+        taken = [claims.enter_context(_claim(address)) for address in addresses]
+        claims.pop_all()
+    return taken
 
 
 def _claim(address: Address) -> socket.socket:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import socket
 import time
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
@@ -92,6 +93,36 @@ def test_a_misspelt_name_is_refused_with_the_nearest(
     assert run(make, given(**{misspelt: "x", **needed.get(make, {}), **extra})) == 2
     line = capsys.readouterr().err.splitlines()[-1]
     assert line == f"error: parameter {misspelt}: not known here; the nearest is {meant}"
+
+
+@NEEDS_CFLIB
+@pytest.mark.parametrize(
+    ("wrong", "taken", "text"),
+    [({"link_time_out": 1.0}, (), "not known here"), ({}, (19750,), "is taken by another cflib_bridge")],
+)
+def test_a_bridge_that_is_refused_leaves_its_drones_to_others(
+    wrong: dict[str, object], taken: tuple[int, ...], text: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+
+    def take(port: int) -> socket.socket:
+        claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        claim.bind(f"\0flatsat_ros cflib_bridge udp 127.0.0.1 {port}")
+        return claim
+
+    others = [take(port) for port in taken]
+    uris = "['udp://127.0.0.1:19751', 'udp://127.0.0.1:19750']"
+    rclpy.init(args=given(robot_names="[a, b]", uris=uris, **wrong))
+    try:
+        with pytest.raises(FlatsatError) as refused:
+            CflibBridge()
+    finally:
+        rclpy.shutdown()
+    for other in others:
+        other.close()
+    for port in (19750, 19751):  # `refused` keeps whatever the bridge had made
+        take(port).close()
+    assert text in str(refused.value)
 
 
 @pytest.mark.parametrize(
