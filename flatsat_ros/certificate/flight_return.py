@@ -68,7 +68,7 @@ def cell_claims(
         lag_varies: whether lag, frequency and damping change in flight, within the box.
 
     Raises:
-        FlatsatError: as `cell_tube`.
+        FlatsatError: as `cell_tubes`.
     """
     h, pose_age = decimal(design.period), assumptions.pose_age
     faster = growth(decimal(rate) * h)

@@ -135,14 +135,19 @@ class Tube:
         return Tube(*(max(getattr(self, f.name), getattr(other, f.name)) for f in fields(Tube)))
 
 
-def cell_tube(
-    design: Design, box: Box, gain_min: float, gain_max: float, assumptions: Assumptions, lag_varies: bool = False
-) -> Tube:
-    """Return the tube of all plants of a box, as one cell.
+def cell_tubes(
+    design: Design,
+    boxes: Sequence[Box],
+    gain_min: float,
+    gain_max: float,
+    assumptions: Assumptions,
+    lag_varies: bool = False,
+) -> list[Tube]:
+    """Return the tube of all plants of each of some boxes, as one cell each.
 
     Args:
         design: the controller.
-        box: the plants, none of whose delays are separated by a whole period.
+        boxes: the plants, none of whose delays are separated by a whole period.
         gain_min: smallest applied gain k, which may be another at every tick.
         gain_max: largest applied gain.
         assumptions: bounds of the inputs.
@@ -154,18 +159,6 @@ def cell_tube(
     Raises:
         FlatsatError: a whole period lies inside the interval of the delay, or the gains are no interval above 0.
     """
-    return cell_tubes(design, [box], gain_min, gain_max, assumptions, lag_varies)[0]
-
-
-def cell_tubes(
-    design: Design,
-    boxes: Sequence[Box],
-    gain_min: float,
-    gain_max: float,
-    assumptions: Assumptions,
-    lag_varies: bool = False,
-) -> list[Tube]:
-    """Return the tube of each of some boxes, as one cell each; all else is as for `cell_tube`."""
     tubes = [Tube(math.inf, math.inf, math.inf, math.inf)] * len(boxes)
     for places, bounds in cell_bounds(design, boxes, gain_min, gain_max, assumptions.pose_age, lag_varies):
         for place, tube in zip(places, tubes_of(bounds, [boxes[place] for place in places], assumptions), strict=True):
@@ -248,10 +241,10 @@ def box_tube(
         gain_min: smallest applied gain k.
         gain_max: largest applied gain.
         assumptions: bounds of the inputs.
-        lag_varies: as for `cell_tube`; across these figures there must be no cut.
+        lag_varies: as for `cell_tubes`; across these figures there must be no cut.
 
     Raises:
-        FlatsatError: as `cell_tube`; or the cuts leave parts over, go on without any, or name no figure of a part.
+        FlatsatError: as `cell_tubes`; or the cuts leave parts over, go on without any, or name no figure of a part.
     """
     tube = Tube(0.0, 0.0, 0.0, 0.0)
     parts = cells(box, cuts, design.period, lag_varies)

@@ -9,7 +9,6 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.flight.modes import Mode
-from flatsat_ros.flight.telemetry import FIELDS
 
 POSE_FIELDS = ("x", "y", "z", "qx", "qy", "qz", "qw")  # m, and x, y, z, w of the orientation, body -> world
 COMMAND_FIELDS = ("roll", "pitch", "yaw", "thrust")  # degrees, degrees, as on the wire; PWM
@@ -45,7 +44,7 @@ class Track:
 
     Attributes:
         name: of the drone.
-        channels: by kind, those that were recorded: `pose` (`POSE_FIELDS`), `tick` (the telemetry's FIELDS), `command`
+        channels: by kind, those that were recorded: `pose` (`POSE_FIELDS`), `tick` (the telemetry's fields), `command`
             (`COMMAND_FIELDS`), `battery` (voltage, V).
     """
 
@@ -93,11 +92,6 @@ class Flight:
         """Time of the last sample, s."""
         ends = [c.times[-1] for track in self.tracks for c in track.channels.values() if len(c.times)]
         return float(max(ends, default=0.0))
-
-
-def tick_channel(times: FloatArray, rows: FloatArray) -> Channel:
-    """Return the channel of telemetry rows (n, len(FIELDS)) at times (n,), s."""
-    return Channel(FIELDS, np.column_stack([times, rows]))
 
 
 def with_mode_events(flight: Flight) -> Flight:

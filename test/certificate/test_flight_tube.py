@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from flatsat_ros.certificate.flight_batch import Cells
 from flatsat_ros.certificate.flight_cell import Box, Cell
 from flatsat_ros.certificate.flight_loop import FlightLoop
 from flatsat_ros.certificate.flight_plant import Design, Dynamics, Plant
-from flatsat_ros.certificate.flight_tube import Assumptions, Tube, cell_bounds, cell_tube
+from flatsat_ros.certificate.flight_tube import Assumptions, Tube, cell_bounds, cell_tubes
 
 PERIOD = 0.02
 STILL = Assumptions(disturbance_rate=0.35, noise=5e-4, acceleration=1.0, jerk=0.58, snap=0.66)
@@ -35,6 +36,11 @@ BOXES = {
         Plant(0.0415, frequency=16.0, damping=0.55, gain=1.0, tilt=0.26, drag=0.4),
     ),
 }
+
+
+def cell_tube(design: Design, box: Box, *arguments: Any, **named: Any) -> Tube:
+    (tube,) = cell_tubes(design, [box], *arguments, **named)
+    return tube
 
 
 def some_plant(box: Box, random: np.random.Generator, corner: bool) -> Plant:

@@ -11,7 +11,7 @@ import pytest
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_plant import Design, Plant
-from flatsat_ros.certificate.flight_tube import Assumptions, box_tube, cell_tube
+from flatsat_ros.certificate.flight_tube import Assumptions, box_tube, cell_tubes
 from flatsat_ros.synthesis.flight_cover import Cover, CoverError, corners, cover
 from flatsat_ros.synthesis.flight_design import AxisDesign
 from flatsat_ros.synthesis.flight_trade import narrower
@@ -36,7 +36,7 @@ def test_every_plant_of_the_box_has_a_smaller_tube(covered: Cover) -> None:
     random = np.random.default_rng(0)
     for _ in range(12):
         plant = Plant(random.uniform(0.024, 0.036), 0.14 * random.uniform(0.9, 1.1))
-        own = cell_tube(DESIGN, Box(plant, plant), 1.0, 1.5, STILL)
+        (own,) = cell_tubes(DESIGN, [Box(plant, plant)], 1.0, 1.5, STILL)
         assert own | covered.tube == covered.tube
 
 

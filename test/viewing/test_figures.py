@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.viewing.figures import COLUMNS, figures_of, separation
-from flatsat_ros.viewing.flight import POSE_FIELDS, Channel, Event, Flight, Track, tick_channel, with_mode_events
+from flatsat_ros.viewing.flight import POSE_FIELDS, Channel, Event, Flight, Track, with_mode_events
 
 TIMES = np.arange(0.0, 10.0, 0.1)
 
@@ -26,7 +26,7 @@ def ticks(**columns: object) -> Channel:
     rows = np.zeros((TIMES.size, len(FIELDS)))
     for name, values in columns.items():
         rows[:, FIELDS.index(name)] = values
-    return tick_channel(TIMES, rows)
+    return Channel(FIELDS, np.column_stack([TIMES, rows]))
 
 
 def figures(track: Track) -> dict[str, float | None]:
