@@ -15,7 +15,7 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray, any_of
 
-_SINKING = 0.5  # m/s
+SINKING = 0.5  # m/s
 _CHANGE = 1.0  # m/s^2, to come to that speed
 # the descent lasts this much longer than its height needs at that speed, relatively and in s
 _LONGER, _LATER = 1.3, 1.0
@@ -55,7 +55,7 @@ class BlindDescent:
         self._began[index], self._climb[index] = now, climb
         self._known[index], self._lift[index] = lift is not None, lift or 0.0
         height = max(height, 0.0)
-        needed = height / _SINKING + abs(climb + _SINKING) / _CHANGE
+        needed = height / SINKING + abs(climb + SINKING) / _CHANGE
         if lift is None:
             # it may still climb: the longer time at which height + climb t - down t^2 / 2 is 0
             down = (1.0 - self._level) * self._gravity + 1e-3
@@ -64,9 +64,9 @@ class BlindDescent:
 
     def thrust(self, now: float) -> FloatArray:
         """Return the thrusts (N,), m/s^2, at time now, s."""
-        change = -_SINKING - self._climb
+        change = -SINKING - self._climb
         changing = now - self._began < np.abs(change) / _CHANGE
-        known = self._gravity - self._lift + np.where(changing, np.sign(change) * _CHANGE, -self._drag * _SINKING)
+        known = self._gravity - self._lift + np.where(changing, np.sign(change) * _CHANGE, -self._drag * SINKING)
         return np.where(self._known, known, self._level * self._gravity)
 
     def set_clock_back(self, now: float) -> None:

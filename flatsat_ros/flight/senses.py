@@ -10,6 +10,7 @@ from flatsat_ros.flight.braking import Braking
 from flatsat_ros.flight.command_check import CommandCheck
 from flatsat_ros.flight.descent import BlindDescent
 from flatsat_ros.flight.detectors import LIFTED_OFF, FallDetector, LiftOffDetector, TouchDownDetector
+from flatsat_ros.flight.exchange import ExchangeDetector
 from flatsat_ros.flight.following_check import FollowingCheck
 from flatsat_ros.flight.guidance import Guidance
 from flatsat_ros.flight.modes import AIRBORNE, Mode
@@ -34,6 +35,7 @@ _RESTS = 0.01
 _SLID = "told to climb, it moves sideways instead: is z up in the poses?"
 _SUNK = "told to climb, it is seen {0:.2f} m below where it stood, at most {1:g} m: has z the other sign?"
 _UNMOVED = "poses whose z stays within {0:g} m, while commands should have changed it by {1:.2f} m: are they its own?"
+_EXCHANGED = "it moves as another drone is commanded: their poses may be exchanged"
 # the lift of a drone that is to sink without poses is the mean over about this time, s: a gust does not last
 _LIFT_TIME = 1.0
 # a drone that sinks without being steered is pushed down by this, 1/s, times the speed at which it climbs instead, and
@@ -75,6 +77,9 @@ class Senses:
         self._following_check = FollowingCheck(certificate, policy.drag, count)
         self._gaps = PoseGaps(count, self._period)
         self._unmoved = UnmovedDetector(count, self._period)
+        model = None if certificate.flight is None else certificate.flight.vertical.design.model
+        late = certificate.delay + certificate.lag if model is None else model.delay + model.lag
+        self._exchange = ExchangeDetector(count, self._period, late)
         self._reports: list[tuple[int, str]] = []
         self._lift = np.zeros(count)  # what lifts each beside its thrust, m/s^2, without gusts
         self._unlocked = np.zeros(count, dtype=bool)  # it stood on the ground when its flight began
@@ -100,6 +105,8 @@ class Senses:
             usable: (N,) who has one.
         """
         climbs = np.clip(_CLIMBS_NOT * velocity[:, 2], 0.0, _CLIMBS_NOT_MOST)
+        if self._exchange.any:
+            climbs, usable = self._exchange.pushed(velocity[:, 2], climbs, usable)
         if any_of(self._misled):
             sinks = -(velocity * self._up).sum(axis=1) - _SINKS_BEYOND
             climbs = np.where(self._misled, -np.clip(_SINKS * sinks, 0.0, _SINKS_MOST), climbs)
@@ -136,7 +143,8 @@ class Senses:
         height = np.where(flying & ~standing, state[:, 2] - guidance.ground, np.inf)
 
         def aloft() -> np.ndarray:
-            return np.asarray(usable & ~self._misled & (state[:, 2] - guidance.ground > _NEAR_GROUND))
+            high = usable & (state[:, 2] - guidance.ground > _NEAR_GROUND)
+            return np.asarray(high[self._exchange.name] & ~self._misled)
 
         self._sight = Sight(
             height=state[:, 2],
@@ -235,6 +243,11 @@ class Senses:
         # of one that was taken over and stands on something nothing comes; it is judged once it was seen to move
         judged = (flying & ~self.grounded) | self.braking.active
         seen = None if newest is None or measured is None else (newest, measured)
+        if seen is not None:
+            upward, low = disturbance[:, 2], flying & ~free
+            for index in self._exchange.look(self._push[:, 2], *seen, upward, free & ~landing, low):
+                self._reports.append((index, _EXCHANGED))
+                self._gone_astray[index] = True
         velocity, told = estimated[:, 3:5], self._gone_astray
         astray = self._command_check.look(self._push[:, :2], velocity, seen, yaw, judged, standing, unseen, told)
         self._reports += self._command_check.reports()
@@ -328,11 +341,14 @@ class Senses:
             elif self._stands[index]:
                 (rise, climb), lift = self._unmoved.climb(index), 0.0  # what was learnt last is not its lift
                 height += rise
+            elif index in self._exchange.places:
+                (height, climb), lift = self._exchange.places[index], 0.0
             elif self._misled[index]:  # that may be its height, and its speed the climb rate
                 height = self._lift_off.risen(index, estimated[:3])
                 climb = float(np.linalg.norm(estimated[3:6]))
             self.descent.begin(index, now, height - float(guidance.ground[index]), climb, lift)
-            answer = self._command_check.answer(index) if after is Mode.DESCEND and self._gone_astray[index] else None
+            known = after is Mode.DESCEND and self._gone_astray[index] and index not in self._exchange.places
+            answer = self._command_check.answer(index) if known else None
             under_way = self._command_check.under_way(self._acceleration[index])
             self.braking.begin(index, answer, estimated[3:5], under_way)
         if after is Mode.FLY and before in AIRBORNE:
@@ -340,6 +356,7 @@ class Senses:
         if after in (Mode.CUT, Mode.REST, Mode.FALLEN, Mode.IDLE):
             self._gone_astray[index] = self._following_check.blown[index] = self.braking.active[index] = False
             self._misled[index] = self._stands[index] = False
+            self._exchange.forget(index)
         if after not in AIRBORNE:
             self._held[index] = False
         if after is Mode.FALLEN or (before in AIRBORNE and after is Mode.UNLOCK):

@@ -222,6 +222,21 @@ POSE_FAULTS = (
         Bounds(End.SAFE, told=r"pose|exchange|other|innovation|predict"),
         victims=(0, 1),
     ),
+    *(
+        from_the_start(
+            f"bodies_exchanged{name}",
+            f"two drones have each other's poses{meaning}",
+            poses(lambda _: faults.exchanged(0, 1), (0, 1)),
+            Bounds(End.DOWN, told=r"exchange"),
+            victims=(0, 1),
+            fleet={"thrust_scale": scale},
+        )
+        for name, meaning, scale in (
+            ("", "", 1.0),
+            # one leaves the ground first, which holds the other one there
+            ("_weaker", ", and the first has 15 % less thrust than the second", (0.92, 1.08)),
+        )
+    ),
     _lasting(
         "yaw_reversed",
         "orientations are 180 degrees off about z",
