@@ -171,6 +171,11 @@ def concatenate(parts: Sequence[Numbers], axis: int) -> Numbers:
     return Enclosure(joined([part.mid for part in whole]), joined([part.rad for part in whole]))
 
 
+def joined(*parts: Enclosure) -> Enclosure:
+    """Join enclosures of the same leading axes along the last axis."""
+    return Enclosure(np.concatenate([part.mid for part in parts], -1), np.concatenate([part.rad for part in parts], -1))
+
+
 def filled(shape: tuple[int, ...], entries: Mapping[Any, Numbers]) -> Numbers:
     """Return an array of zeros but for some entries, each a number or a batch of numbers."""
     if not any(isinstance(value, Enclosure) for value in entries.values()):

@@ -32,19 +32,22 @@ from flatsat_ros.certificate.flight_plant import Design, Dynamics, Pieces, Timin
 _NODES = 2
 
 
-def side_by_side(design: Design, boxes: Sequence[Box], pose_age: Fraction) -> list[tuple[list[int], Cells]]:
+def side_by_side(
+    design: Design, boxes: Sequence[Box], pose_age: Fraction, coarse: bool = False
+) -> list[tuple[list[int], Cells]]:
     """Return boxes as cells, those that are alike together, each with their places among the boxes.
 
     Args:
         design: the controller.
         boxes: none with a whole period inside the delays.
         pose_age: of the loops in the middle, s.
+        coarse: whether bounds need not be close.
     """
     cells = [Cell(box) for box in boxes]
     kinds: dict[object, list[int]] = {}
     for i, cell in enumerate(cells):
         kinds.setdefault(cell.kind(design, pose_age), []).append(i)
-    return [(places, Cells(design, [cells[i] for i in places], pose_age)) for places in kinds.values()]
+    return [(places, Cells(design, [cells[i] for i in places], pose_age, coarse)) for places in kinds.values()]
 
 
 class Loops(Loop):
@@ -145,9 +148,12 @@ class Cells:
         difference: row (1, n + 1) of the command before the change less the one after it.
         on_state, on_command: (B, m, x) and (B, m, 1) of F.
         period: h, s.
+        coarse: whether bounds may be some hundredths above what they could be; they take half of the time.
+        rough: whether one node, and one piece of a period, do for that: plants of second order move too much.
     """
 
-    def __init__(self, design: Design, cells: Sequence[Cell], pose_age: Fraction) -> None:
+    def __init__(self, design: Design, cells: Sequence[Cell], pose_age: Fraction, coarse: bool = False) -> None:
+        self.coarse, self.rough = coarse, coarse and len(cells[0].parameters) == 2
         self.loop = Loops(design, cells, pose_age)
         self.vertices, self.steady, self.changing = (
             np.array([getattr(cell, name) for cell in cells], dtype=object).astype(np.float64)
@@ -208,7 +214,7 @@ class Cells:
     def stretches(self) -> list[Stretch]:
         """The parts of a period with one command each."""
         loop, found = self.loop, []
-        n, A = loop.body.size, loop.body.system[0]
+        n, A, count = loop.body.size, loop.body.system[0], 1 if self.rough else _NODES
         state: Numbers = np.eye(n, loop.size + 1)
         for index, time in loop.timing.plant:
             command, nodes = loop.commands[index], []
@@ -217,11 +223,11 @@ class Cells:
                 phi, drive, _ = loop.body.hold(loop.figure(times))
                 return phi @ state + (loop.gain * drive[..., None]) * command
 
-            for number in range(_NODES):
-                there = later(state, [(2 * number + 1) * t / (2 * _NODES) for t in time])
+            for number in range(count):
+                there = later(state, [(2 * number + 1) * t / (2 * count) for t in time])
                 nodes.append(self.on_state @ there + self.on_command * command)
             slope = A @ state + (self.middle_port_gain * np.eye(n)[:, -1:]) * command
-            radius = np.array([upper(t / (2 * _NODES)) for t in time])
+            radius = np.array([upper(t / (2 * count)) for t in time])
             found.append(Stretch(radius, concatenate(nodes, -2), slope))
             state = later(state, time)
         return found

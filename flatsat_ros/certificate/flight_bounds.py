@@ -18,8 +18,8 @@ _PIECES = 2
 # By how much, relatively, the distances of a cell may be wrong, which are rounded to the nearest.
 _NEAREST = 1e-15
 
-# By how much, relatively, the bounds of the loop's own signals are above what they imply.
-_SLACK = 1e-3
+# By how much, relatively, the bounds of the loop's own signals are above what they imply; of coarse bounds.
+_SLACK, _COARSE_SLACK = 1e-3, 1e-2
 
 # Rounds in which the bounds of the loop's own signals must settle.
 _ITERATIONS = 1000
@@ -88,7 +88,9 @@ class Bounds:
         size, h, x = loop.size, loop.period, loop.body.size
         command = concatenate([np.eye(size), loop.compensation[None] + loop.figure(gain) * loop.feedback[None]], -2)
 
-        shares = [(h * i / _PIECES, h / _PIECES / (2 if i in (0, _PIECES) else 1)) for i in range(_PIECES + 1)]
+        self._slack, self._pieces = _COARSE_SLACK if cells.coarse else _SLACK, 1 if cells.rough else _PIECES
+        pieces = self._pieces
+        shares = [(h * i / pieces, h / pieces / (2 if i in (0, pieces) else 1)) for i in range(pieces + 1)]
         times = [(loop.figure(w), loop.figure(t)) for t, w in shares]
         half = loop.figure(h / 2)
         columns = {
@@ -146,13 +148,14 @@ class Bounds:
         self._found = answers(
             _batch(loop.matrix(gain), count),
             _batch(inputs, count),
-            starts,
+            _batch(Enclosure(starts), count),
             _batch(concatenate([tracked[:2], loop.feedback[None], tracked[2:], others @ command], -2), count),
             steps @ command,
             kicks,
             self._vertices,
             factors,
             plain,
+            cells.coarse,
         )
         self._direct = enclosed(others[..., size]).size
         self._take(0)
@@ -181,7 +184,7 @@ class Bounds:
         given = {name: np.broadcast_to(value, len(values)) for name, value in ({"drive": drive} | others).items()}
         for name, value in given.items():
             values[:, part[name]] = value[:, None]
-        curve = h * (h / _PIECES) ** 2 / 12.0 * UP
+        curve = h * (h / self._pieces) ** 2 / 12.0 * UP
         square = self._dynamics @ self._dynamics @ cells.growth
         bend = square[..., -1] * given["drive"][:, None]
         for name in ("rate", "push"):
@@ -216,7 +219,7 @@ class Bounds:
 
         Args:
             values: (..., B, rows) bounds of the signals at ticks.
-            leak: (B, x) by how much inputs within a period move x.
+            leak: (..., B, x) by how much inputs within a period move x.
         """
         x, m = self.cells.growth.shape[-1], self._on_state.shape[1]
         begin, bound = 5, np.zeros((*values.shape[:-1], m))
@@ -234,7 +237,7 @@ class Bounds:
         Args:
             at_nodes: (..., B, k U) bounds of it at the nodes.
             values: (..., B, rows) bounds of the signals at ticks.
-            leak: (B, x) by how much inputs within a period move x.
+            leak: (..., B, x) by how much inputs within a period move x.
         """
         x, begin, first = self.cells.growth.shape[-1], 5, 0
         moved, bound = self._moved, np.zeros(values.shape[:-1])
@@ -248,38 +251,38 @@ class Bounds:
         return np.asarray(bound + (moved * _apply(self._on_state, leak)).sum(axis=-1))
 
     def _bend_between(self, values: FloatArray, leak: FloatArray) -> FloatArray:
-        """Return bounds of e'' (B,) at all times; the arguments are those of `_seen_between`, (B, rows) and (B, x)."""
-        x, begin, bend = self.cells.growth.shape[-1], 5, np.zeros(len(values))
+        """Return bounds of e'' (..., B) at all times; the arguments are those of `_seen_between`."""
+        x, begin, bend = self.cells.growth.shape[-1], 5, np.zeros(values.shape[:-1])
         for stretch in self.cells.stretches:
-            bend = np.maximum(bend, _apply(self.cells.growth, values[:, begin : begin + x])[:, 1])
+            bend = np.maximum(bend, _apply(self.cells.growth, values[..., begin : begin + x])[..., 1])
             begin += x + stretch.nodes.shape[-2]
-        return np.asarray(bend + _apply(self._dynamics, leak)[:, 1])
+        return np.asarray(bend + _apply(self._dynamics, leak)[..., 1])
 
     def _late_pose(self, values: FloatArray, leak: FloatArray, jolt: FloatArray, drives: Drives) -> FloatArray:
-        """Return bounds (B,) of what poses of another age than the loop's add to innovations, m.
+        """Return bounds (..., B) of what poses of another age than the loop's add to innovations, m.
 
         Args:
-            values: (B, rows) bounds of the signals at ticks.
-            leak: (B, x) by how much inputs within a period move x.
-            jolt: (B, x) bounds of the inputs at each row of x'.
+            values: (..., B, rows) bounds of the signals at ticks.
+            leak: (..., B, x) by how much inputs within a period move x.
+            jolt: (..., B, x) bounds of the inputs at each row of x'.
             drives: what acts.
         """
         cells, h = self.cells, self.cells.period
         A, E, x = self._dynamics, cells.loop.body.system[2], cells.growth.shape[-1]
-        slope, begin = np.zeros((len(values), x)), 5
+        slope, begin = np.zeros((*values.shape[:-1], x)), 5
         for stretch in cells.stretches:
-            slope = np.maximum(slope, values[:, begin : begin + x])
+            slope = np.maximum(slope, values[..., begin : begin + x])
             begin += x + stretch.nodes.shape[-2]
         moving = _apply(cells.growth, slope) + _apply(A, leak) + E * (h * drives.rate)[:, None] + jolt
-        bend = _apply(A, moving)[:, 1] + cells.drag_error * moving[:, 1] + drives.rate
+        bend = _apply(A, moving)[..., 1] + cells.drag_error * moving[..., 1] + drives.rate
 
         A, B = self._model
-        model_slope = values[:, self._seen + 2 : self._rows].reshape(len(values), -1, len(B)).max(axis=1)
+        model_slope = values[..., self._seen + 2 : self._rows].reshape(*values.shape[:-1], -1, len(B)).max(axis=-2)
         model_leak = self._model_growth @ B * h * drives.model
         model_moving = model_slope @ self._model_growth.T + A @ model_leak + B * drives.model
         bend = bend + model_moving @ A[1]
-        strayed = leak[:, 1] + model_leak[1]  # of the velocity, within the period
-        wrong = np.maximum(values[:, self._seen], values[:, self._seen + 1] + strayed) + h * h / 8.0 * bend
+        strayed = leak[..., 1] + model_leak[1]  # of the velocity, within the period
+        wrong = np.maximum(values[..., self._seen], values[..., self._seen + 1] + strayed) + h * h / 8.0 * bend
         return np.asarray(drives.other_age * wrong + self.pose_age * strayed)
 
     def answered(self, inputs: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -289,24 +292,24 @@ class Bounds:
         own = _apply(self.sums[..., : self._followed], exact)
         return own, (self._vertex_sums @ exact[:, None, :, None])[..., 0], bent
 
-    def started(self, which: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the first three arguments of `settled` for a unit of e (0) or of e' (1) at the start."""
-        peaks, at_vertices = self._peaks[..., which], self._vertex_peaks[..., which]
-        return peaks, at_vertices, np.zeros((len(peaks), self._count))
+    def started(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the first three arguments of `settled` for a unit of e and one of e' at the start, S = 2."""
+        peaks, at_vertices = (np.moveaxis(array, -1, 0) for array in (self._peaks, self._vertex_peaks))
+        return peaks, at_vertices, np.zeros((*peaks.shape[:2], self._count))
 
     def settled(
         self, signals: FloatArray, at_vertices: FloatArray, bent: FloatArray, drives: Drives
     ) -> tuple[FloatArray, FloatArray]:
-        """Return bounds of the tracked signals (B, 4) and of e'' (B,), infinite if the small gain argument fails.
+        """Return bounds of the tracked signals (..., B, 4) and of e'' (..., B), infinite if the small gains fail.
 
         Args:
-            signals: (B, rows) bounds of the signals of the middle at its middle gain.
-            at_vertices: (B, V, rows) bounds of them to first order, at the vertices.
-            bent: (B, columns) further inputs, which are not followed to first order.
+            signals: (..., B, rows) bounds of the signals of the middle at its middle gain.
+            at_vertices: (..., B, V, rows) bounds of them to first order, at the vertices.
+            bent: (..., B, columns) further inputs, which are not followed to first order.
             drives: what acts.
         """
         cells, sums, at, h = self.cells, self.sums, self._vertex_sums, self.cells.period
-        E, count, rows = cells.loop.body.system[2], len(self.sums), self._rows
+        E, lead, rows = cells.loop.body.system[2], signals.shape[:-1], self._rows
         late, moved = cells.vertices[..., -1].max(axis=1) * UP, self._moved
         steady = np.abs(self._vertices[..., :-1]).max(axis=1) * UP
         last = cells.growth[..., -1]
@@ -322,46 +325,46 @@ class Bounds:
         first_change, first_noise = at[..., changes], at[..., noise]
 
         def bounds(point: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-            """Bounds (B, 4) of the signals, (B, 5) of the inputs that follow from them, and of e''."""
-            drive, difference, change, late_pose, push = point.T
-            rest = _apply(effects, np.stack([drive, difference, difference, push], 1)) + always
-            plain = signals + sums[..., changes] * change[:, None] + sums[..., noise] * late_pose[:, None] + rest
-            leak = last * (h * (drive + drives.drive) + late * cells.port_gain * difference)[:, None]
-            leak = leak + cells.growth[..., 1] * (h * (h * drives.rate + push))[:, None]
+            """Bounds (..., B, 4) of the signals, (..., B, 5) of the inputs that follow from them, and of e''."""
+            drive, difference, change, late_pose, push = np.moveaxis(point, -1, 0)
+            rest = _apply(effects, np.stack([drive, difference, difference, push], -1)) + always
+            plain = signals + sums[..., changes] * change[..., None] + sums[..., noise] * late_pose[..., None] + rest
+            leak = last * (h * (drive + drives.drive) + late * cells.port_gain * difference)[..., None]
+            leak = leak + cells.growth[..., 1] * (h * (h * drives.rate + push))[..., None]
             left, seen = self._seen_between(np.stack([rest, plain]), leak)
-            nearest = _NEAREST * (moved * seen).sum(axis=1)
-            changing, pulled = (self._changing * seen).sum(axis=1) + nearest, (steady * left).sum(axis=1)
+            nearest = _NEAREST * (moved * seen).sum(axis=-1)
+            changing, pulled = (self._changing * seen).sum(axis=-1) + nearest, (steady * left).sum(axis=-1)
             if self._directed:
-                pulled = self._pulled_between(rest[:, rows:], rest, leak)
-            wider = rest[:, 4] + (cells.port_gain_error / cells.port_gain + _NEAREST) * difference
-            further = np.stack([pulled + changing, wider, difference, push], 1)
-            second = (_apply(effects, further) + always)[:, :rows]
-            first = at_vertices + first_change * change[:, None, None] + first_noise * late_pose[:, None, None]
-            whole = np.minimum(plain[:, :rows], first.max(axis=1) + second)
+                pulled = self._pulled_between(rest[..., rows:], rest, leak)
+            wider = rest[..., 4] + (cells.port_gain_error / cells.port_gain + _NEAREST) * difference
+            further = np.stack([pulled + changing, wider, difference, push], -1)
+            second = (_apply(effects, further) + always)[..., :rows]
+            first = at_vertices + first_change * change[..., None, None] + first_noise * late_pose[..., None, None]
+            whole = np.minimum(plain[..., :rows], first.max(axis=-2) + second)
             seen = self._seen_between(whole, leak)
             bend = self._bend_between(whole, leak) + h * drives.rate + push
-            jolt = E * push[:, None]
-            jolt[:, -1] += drive + drives.drive + np.where(late > 0.0, cells.port_gain * difference, 0.0)
-            pose = self._late_pose(whole, leak, jolt, drives) if drives.other_age > 0.0 else np.zeros(count)
-            velocity = whole[:, 1] + h / 2.0 * bend  # half a period from a tick at most
-            separating = (moved * seen).sum(axis=1)
+            jolt = E * push[..., None]
+            jolt[..., -1] += drive + drives.drive + np.where(late > 0.0, cells.port_gain * difference, 0.0)
+            pose = self._late_pose(whole, leak, jolt, drives) if drives.other_age > 0.0 else np.zeros(lead)
+            velocity = whole[..., 1] + h / 2.0 * bend  # half a period from a tick at most
+            separating = (moved * seen).sum(axis=-1)
             if self._directed:
-                directed = self._pulled_between(plain[:, rows:], whole, leak) + nearest
+                directed = self._pulled_between(plain[..., rows:], whole, leak) + nearest
                 separating = np.minimum(separating, directed)
-            following = [separating, whole[:, 4], self._deviation * whole[:, 2], pose]
-            return whole[:, :4], np.stack([*following, cells.drag_error * velocity], 1), bend
+            following = [separating, whole[..., 4], self._deviation * whole[..., 2], pose]
+            return whole[..., :4], np.stack([*following, cells.drag_error * velocity], -1), bend
 
-        tracked, bends, point = np.full((count, 4), np.inf), np.full(count, np.inf), np.zeros((count, 5))
-        going = self._bounded.copy()
+        tracked, bends, point = np.full((*lead, 4), np.inf), np.full(lead, np.inf), np.zeros((*lead, 5))
+        going = np.broadcast_to(self._bounded, lead)
         for _ in range(_ITERATIONS):
             if not going.any():
                 break
             found, implied, bend = bounds(point)
             implied = implied * UP
-            settled = going & (implied <= point).all(axis=1)  # these imply themselves: by small gains they hold
+            settled = going & (implied <= point).all(axis=-1)  # these imply themselves: by small gains they hold
             tracked[settled], bends[settled] = found[settled] * UP, bend[settled] * UP
-            going &= ~settled & (implied.max(axis=1) <= _ABSURD)
-            point = np.where(going[:, None], implied * (1.0 + _SLACK), point)
+            going = going & ~settled & (implied.max(axis=-1) <= _ABSURD)
+            point = np.where(going[..., None], implied * (1.0 + self._slack), point)
         return tracked, bends
 
 

@@ -202,10 +202,11 @@ def cell_bounds(
     pose_age: float,
     lag_varies: bool,
     faster: float | None = None,
+    coarse: bool = False,
 ) -> Iterator[tuple[list[int], Bounds]]:
     """Yield the sums of boxes as one cell each, whose poses are half as old as they may be, with the boxes' places.
 
-    With `faster` they have those of `Bounds.growing`, too.
+    With `faster` they have those of `Bounds.growing`, too; `coarse` is as for `Cells`.
 
     Raises:
         FlatsatError: a whole period lies inside the interval of a delay, the gains are no interval above 0, or poses
@@ -218,7 +219,7 @@ def cell_bounds(
             raise FlatsatError(f"delays from {box.low.delay} to {box.high.delay} s: must have no whole period inside")
     if not 0.0 < gain_min <= gain_max:
         raise refusal("gain_min", gain_min, "", f"above 0 and at most gain_max, {gain_max:g}")
-    for places, cells in side_by_side(design, boxes, decimal(pose_age) / 2):
+    for places, cells in side_by_side(design, boxes, decimal(pose_age) / 2, coarse):
         yield places, Bounds(cells, gain_min, gain_max, lag_varies, faster)
 
 

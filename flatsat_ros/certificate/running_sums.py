@@ -2,13 +2,44 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.certificate.enclosures import UP, Enclosure
+
+# By how much, relatively, the sums of the state are taken to be above what was summed, and rounds to find them.
+_SLACK, _ROUNDS = 1e-6, 60
+
+
+@dataclass(frozen=True)
+class Products:
+    """Memory for what columns answer in a chunk; the letters are those of `Running`.
+
+    Attributes:
+        raw: (N, 1 + d, p + n, columns) the answers and their derivatives.
+        rows: (N, p + n + e, columns) sizes of the answers.
+        vertex: (N, V, p, columns) those of their combinations at the vertices.
+        bent: (N, d, n, columns) those of the state's derivatives.
+    """
+
+    raw: FloatArray
+    rows: FloatArray
+    vertex: FloatArray
+    bent: FloatArray
+
+    @classmethod
+    def of(cls, size: tuple[int, ...], columns: int) -> Products:
+        """Return memory of a size N, d, V, p, n, e, and so many columns."""
+        N, d, V, p, n, e = size
+        shapes = (N, 1 + d, p + n), (N, p + n + e), (N, V, p), (N, d, n)
+        return cls(*(np.empty((*shape, columns)) for shape in shapes))
+
+    def some(self, count: int) -> Products:
+        """Return the memory of the first loops."""
+        return Products(*(getattr(self, field.name)[:count] for field in fields(self)))
 
 
 @dataclass(frozen=True)
@@ -26,8 +57,8 @@ class Running:
         rows_size, turns_size: (N, p + n + e, n) and (N, p + n, n), sizes of the rows and, times the reach, of their
             derivatives together.
         rows_sum, turns_sum: (N, F, p + n + e, n) and (N, F, p + n, n), sums of these over the chunks.
-        plain, others: (N, p + n + e, f, F) and (N, p + n + e, c, F), sums of the answers' sizes.
-        vertex, bent: (N, V, p, f, F) and (N, n, f, F), likewise; those of the state's derivatives, times the reach.
+        plain, others: (N, F, p + n + e, f) and (N, F, p + n + e, c), sums of the answers' sizes.
+        vertex, bent: (N, F, V, p, f) and (N, F, n, f), likewise; those of the state's derivatives, times the reach.
         peaks, vertex_peaks, bent_peaks: (N, p + n + e, 16 k), (N, V, p, 16 k) and (N, n, 16 k), largest ones to
             starts for the last factor, at each period of a chunk.
         moved, moved_others: (N, n, 16 b) and (N, n, 16 c), A^j of the columns, of each the periods of a chunk.
@@ -60,23 +91,40 @@ class Running:
     shares: FloatArray
     reach: FloatArray
 
-    def answer(self, which: slice, values: FloatArray, vertex: FloatArray, alone: FloatArray) -> None:
-        """Write the sizes of what some of the followed columns answer in a chunk.
+    def answer(self, which: slice, found: Products) -> None:
+        """Write the sizes of what some of the followed columns, each with its 16 periods, answer in a chunk."""
+        both, (p, columns) = self.turns.shape[2], found.vertex.shape[2:]
+        raw = found.raw
+        np.matmul(self.rows[:, :both], self.moved[..., which], out=raw[:, 0])
+        np.matmul(self.turns, self.turned[..., which], out=raw[:, 1:])
+        np.matmul(self.rows[:, both:], self.moved[..., which], out=found.rows[:, both:])
+        shape = len(raw), -1, p * columns
+        np.matmul(self.shares, raw[:, :, :p].reshape(shape), out=found.vertex.reshape(shape))
+        np.abs(raw[:, 0], out=found.rows[:, :both])
+        np.abs(found.rows[:, both:], out=found.rows[:, both:])
+        np.abs(raw[:, 1:, p:], out=found.bent)
+        np.abs(found.vertex, out=found.vertex)
+
+    def together(self, derivatives: FloatArray) -> FloatArray:
+        """Add up sizes of derivatives (N, d, n, columns), times their reach."""
+        return np.asarray((self.reach[:, :, None, None] * derivatives).sum(axis=1))
+
+    def move(self, scale: FloatArray) -> None:
+        """Gather the sizes of rows and go on to those of the next chunk.
 
         Args:
-            which: of the columns, each with its 16 periods.
-            values: (N, 1 + d, p + n, columns), to write to, the answers and their derivatives.
-            vertex: (N, V, p, columns), to write to, the combinations at the vertices.
-            alone: (N, e, columns), to write to, the answers of the signals that are not followed.
+            scale: (F,) by which they count for each factor.
         """
-        both = values.shape[2]
-        np.matmul(self.rows[:, :both], self.moved[..., which], out=values[:, 0])
-        np.matmul(self.rows[:, both:], self.moved[..., which], out=alone)
-        np.abs(alone, out=alone)
-        np.matmul(self.turns, self.turned[..., which], out=values[:, 1:])
-        np.matmul(self.shares, flat(values[:, :, : vertex.shape[2]], 2), out=flat(vertex, 2))
-        np.abs(values, out=values)
-        np.abs(vertex, out=vertex)
+        both, n = self.turns.shape[2], self.rows.shape[2]
+        for number, weight in enumerate(scale.tolist()):
+            self.rows_sum[:, number] += weight * self.rows_size
+            self.turns_sum[:, number] += weight * self.turns_size
+        turns = self.turns[..., :n]
+        turns[:] = self.turns @ self.slope
+        self.rows[:] = self.rows @ self.power
+        self.turns[..., n:] = self.rows[:, None, :both]
+        np.abs(self.rows, out=self.rows_size)
+        self.turns_size[:] = self.together(np.abs(turns))
 
     def without(self, place: int) -> Running:
         """Return the same without a loop, in whose place in memory the last one goes."""
@@ -86,8 +134,27 @@ class Running:
         return Running(*(array[:-1] for array in arrays))
 
 
-def flat(array: FloatArray, axes: int) -> FloatArray:
-    """Return a view of an array in which all axes but so many first ones are one, or all but so many last ones."""
-    if axes < 0:
-        return array.reshape(math.prod(array.shape[:axes]), *array.shape[axes:])
-    return array.reshape(*array.shape[:axes], math.prod(array.shape[axes:]))
+def implied(summed: FloatArray, q: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return Y (P, n, columns), and of which of the P loops it is finite and above 0, with summed + q Y < Y."""
+    bound, going = summed, np.ones(len(summed), dtype=bool)
+    for _ in range(_ROUNDS):
+        following = (summed + q @ bound) * UP
+        going &= ~(following < bound).all(axis=(1, 2))
+        if not going.any():
+            break
+        bound = np.where(going[:, None, None], np.maximum(bound, following) * (1.0 + _SLACK), bound)
+    return bound, ~going
+
+
+def over(values: FloatArray, derivatives: FloatArray) -> FloatArray:
+    """Return (N, d, 2 n, m): values (N, n, m) over each of their derivatives (N, d, n, m)."""
+    return np.concatenate([np.zeros_like(derivatives) + values[:, None], derivatives], axis=2)
+
+
+def side_by_side(columns: Enclosure, count: int) -> Enclosure:
+    """Return columns (..., count m) of some times, one time after another, with the times of each side by side."""
+    mid, rad = (
+        part.reshape(*part.shape[:-1], count, part.shape[-1] // count).swapaxes(-1, -2).reshape(part.shape)
+        for part in (columns.mid, columns.rad)
+    )
+    return Enclosure(mid, rad)

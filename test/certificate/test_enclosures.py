@@ -84,7 +84,7 @@ def test_scalars_are_on_the_safe_side_and_close(value: float) -> None:
     assert sine(x) < sum((-1) ** i * x ** (2 * i + 1) / math.factorial(2 * i + 1) for i in range(30))
 
 
-def loop_holds(seed: int, forgets: bool) -> bool:
+def loop_holds(seed: int, forgets: bool, coarse: bool = False) -> bool:
     """Whether bounds are not below what a loop answers in rational arithmetic, and not far above."""
     random = np.random.default_rng(seed)
     n = 3
@@ -99,13 +99,14 @@ def loop_holds(seed: int, forgets: bool) -> bool:
     found = answers(
         Enclosure(A[None]),
         Enclosure(B[None]),
-        start,
+        Enclosure(start[None]),
         Enclosure(np.stack([C[0], C[0]])[None]),  # followed, and for itself alone
         Enclosure(step[None]),
         Enclosure(kick[None]),
         vertices[None],
         factors,
         plain=1,
+        coarse=coarse,
     )
     if not all(np.isfinite(part.sums).all() for part in found):
         return not forgets
@@ -125,14 +126,15 @@ def loop_holds(seed: int, forgets: bool) -> bool:
     # of starts they are those for the last factor
     pairs += [(part.peaks[0], exact(np.zeros((2, 1))) + peak), (part.vertex_peaks[0, :, 0, 0], moved_peak)]
     assert not np.isfinite(found[0].peaks).any()
-    assert all((exact(bound) <= (1 + Fraction(1, 100)) * true + Fraction(1, 10**9)).all() for bound, true in pairs)
+    above = Fraction(1, 4 if coarse else 100)
+    assert all((exact(bound) <= (1 + above) * true + Fraction(1, 10**9)).all() for bound, true in pairs)
     return all(bool((exact(bound) >= true).all()) for bound, true in pairs)
 
 
 @settings(max_examples=20)
-@given(seed=seeds, forgets=st.booleans())
-def test_no_loop_answers_more_than_its_bounds(seed: int, forgets: bool) -> None:
-    assert loop_holds(seed, forgets)
+@given(seed=seeds, forgets=st.booleans(), coarse=st.booleans())
+def test_no_loop_answers_more_than_its_bounds(seed: int, forgets: bool, coarse: bool) -> None:
+    assert loop_holds(seed, forgets, coarse)
 
 
 @pytest.mark.parametrize("name", ["ROUNDING", "UP", "rounding"])

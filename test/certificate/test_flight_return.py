@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import astuple
+from functools import reduce
+from operator import or_
+from typing import Any
 
 import numpy as np
 import pytest
 
+from flatsat_ros.certificate import flight_return
 from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_loop import FlightLoop
 from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_return import Return, box_claims, cell_claims
-from flatsat_ros.certificate.flight_tube import Assumptions, box_tube
+from flatsat_ros.certificate.flight_tube import Assumptions, box_tube, cells
 
 PERIOD, RATE = 0.02, 0.6
 DESIGN = Design.predicting(PERIOD, Plant(0.03, 0.14), (0.357, 3.93, 14.2), 20.0, 12.0)
@@ -38,6 +42,37 @@ def returned() -> Return:
     tube, back = box_claims(DESIGN, BOX, CUTS, 1.0, 1.5, RATE, STILL)
     assert astuple(tube) == pytest.approx(astuple(box_tube(DESIGN, BOX, CUTS, 1.0, 1.5, STILL)), rel=1e-12)
     return back
+
+
+def test_it_is_the_largest_of_all_cells_although_most_are_bounded_coarsely(monkeypatch: pytest.MonkeyPatch) -> None:
+    box = Box(Plant(0.022, 0.11, gain=0.98), Plant(0.038, 0.17, gain=1.02))
+    cuts: tuple[str, ...] = ("",)
+    for name in ("delay", "lag", "delay", "lag"):
+        cuts = (name, *cuts, *cuts)
+    parts = cells(box, cuts, PERIOD, False)
+    alone = cell_claims(DESIGN, parts, 1.0, 1.2, RATE, STILL)
+    largest = reduce(or_, (tube for tube, _ in alone)), reduce(or_, (back for _, back in alone))
+    coarse = cell_claims(DESIGN, parts, 1.0, 1.2, RATE, STILL, coarse=True)
+    for above, below in zip(coarse, alone, strict=True):
+        for more, less in zip(above, below, strict=True):
+            assert (np.array(astuple(more)) >= astuple(less)).all()
+    closely: list[int] = []
+
+    def counted(*args: Any, **named: Any) -> Any:
+        if not args[-1]:
+            closely.append(len(args[1]))
+        return cell_claims(*args, **named)
+
+    monkeypatch.setattr(flight_return, "cell_claims", counted)
+    for near in (1.001, 1.03, 2.0):  # however many are bounded closely at first
+        monkeypatch.setattr(flight_return, "_NEAR", near)
+        found = box_claims(DESIGN, box, cuts, 1.0, 1.2, RATE, STILL)
+        for whole, most in zip(found, largest, strict=True):
+            assert astuple(whole) == pytest.approx(astuple(most), rel=1e-10)
+        assert 0 < sum(closely) <= len(parts)
+        if near == 1.03:
+            assert sum(closely) <= len(parts) / 2
+        closely.clear()
 
 
 def test_starts_decay_as_is_claimed(returned: Return) -> None:
