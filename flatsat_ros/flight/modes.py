@@ -7,10 +7,11 @@ IDLE is silent, so that starting the controller never takes a drone away from wh
 from poses in FLY only. Without poses that can be trusted a drone is held level in LEVEL, for a moment, and then sinks
 without position in DESCEND, for as long as its last known height needs; with poses back it flies on, or lands if what
 it followed has gone on without it. CUT stops the motors and stays until the user gives a new reference. FALLEN does so
-until a person arms the drone again: it did not climb though it was told to, or it fell; its motors would start at a bad
-moment. REST streams zero thrust after a landing for longer than the firmware's watchdogs wait: silence right after it
-would lock the drone until reboot. A drone that somebody else shall fly first is unlocked as it is armed: taken over in
-the air, still locked, it would fall.
+until a person arms the drone again: it did not climb though it was told to, or it fell, and its motors would start at a
+bad moment; or it did not move as commanded, and the next goal would have it do that again. REST streams zero thrust
+after a landing for longer than the firmware's watchdogs wait: silence right after it would lock the drone until reboot.
+A drone that somebody else shall fly first is unlocked as it is armed: taken over in the air, still locked, it would
+fall.
 """
 
 from __future__ import annotations
@@ -133,6 +134,7 @@ class Event(Enum):
     FELL = "it falls or lies still against the command: motors stopped until armed"
     ASTRAY = "it does not move as commanded: it brakes by what was seen of that, and sinks"
     LEVEL_TIME_OVER = "still no pose: it sinks without position"
+    ASTRAY_DOWN = "it has sunk, as it did not move as commanded: motors stopped until armed"
     DESCENDED = "it has sunk for as long as its last known height needs: motors stopped"
     RESTED = "rested after the landing"
     REARMED = "armed again"
@@ -160,6 +162,7 @@ CONDITIONS: dict[Event, tuple[str, ...]] = {
     Event.FELL: ("fell",),
     Event.ASTRAY: ("astray",),
     Event.LEVEL_TIME_OVER: ("levelled",),
+    Event.ASTRAY_DOWN: ("astray", "descended"),
     Event.DESCENDED: ("descended",),
     Event.RESTED: ("rested",),
     Event.REARMED: ("rearmed",),
@@ -187,6 +190,7 @@ TABLE: dict[Mode, tuple[tuple[Event, Mode], ...]] = {
     Mode.DESCEND: (
         (Event.NOT_LIFTED, Mode.FALLEN),
         (Event.POSE_BACK_LATE, Mode.FLY),
+        (Event.ASTRAY_DOWN, Mode.FALLEN),
         (Event.DESCENDED, Mode.CUT),
     ),
     Mode.CUT: ((Event.START_AGAIN, Mode.UNLOCK),),

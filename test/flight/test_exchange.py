@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.crazyflie.fit import LINK_DELAY
 from flatsat_ros.crazyflie.vehicle import load_vehicle
@@ -95,6 +96,9 @@ def test_whoever_takes_off_with_another_ones_poses_is_told_so_and_sinks(
     assert max(flight.cut) < 0.05
     assert (flight.record.height < 2.0).all()
     assert grounded[:2].all()
+    assert (flight.pilot.mode[:2] == Mode.FALLEN).all()
+    with pytest.raises(FlatsatError, match="arm it again"):  # the next goal does not let it do that again
+        flight.pilot.set_goal(0, np.array([0.0, 0.0, 1.0]))
     # who stands as the second does, told to climb as it is, may be the one that is seen as the first
     assert impact[2] <= HOPPING if 2 in flight.told else flight.pilot.mode[2] == Mode.FLY
 
