@@ -28,9 +28,9 @@ _CHUNK = 2**_DOUBLINGS
 _FORGOTTEN = 1e-4
 
 # Coarse bounds end once what is left is at most so much of the sums, of the first factor and of others. That is asked
-# when so little is left of the mode that fades last, then now and then, and after the last chunk no more.
+# after every fourth chunk, once so little is left of the mode that fades last, and after the last chunk no more.
 _CLOSE = 0.06, 0.2
-_FADED, _EVERY, _CHUNKS_MAX = 0.06, 3, 40
+_FADED, _EVERY, _CHUNKS_MAX = 0.06, 4, 40
 
 # Chunks after which it is asked whether a loop is one that grows.
 _GIVE_UP = 8
@@ -320,5 +320,6 @@ class _Sums:
 
 def _asked(now: Running, number: int, first: FloatArray) -> NDArray[np.bool_]:
     """Tell of which loops (N, F) it is asked after a chunk whether coarse bounds are close; `first` is that chunk."""
-    later = number + 1 - np.minimum(first, _CHUNKS_MAX)[now.place]
-    return np.asarray(now.waiting & ((later >= 0) & (later % _EVERY == 0) | (number + 1 == _CHUNKS_MAX))[:, None])
+    if number + 1 == _CHUNKS_MAX:
+        return now.waiting.copy()
+    return np.asarray(now.waiting & ((number + 1) % _EVERY == 0) & (number + 1 >= first)[now.place, None])

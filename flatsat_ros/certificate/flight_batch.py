@@ -141,8 +141,7 @@ class Cells:
 
     Attributes:
         loop: of the plants in the middle.
-        vertices, steady: (B, V, m + 1), directions: (B, U, m), and changing: (B, m), as of a `Cell`, nearest floats;
-            rounded by a share of u.
+        vertices: (B, V, m + 1), and directions: (B, U, m), as of a `Cell`, nearest floats; rounded by a share of u.
         port_gain, port_gain_error, share_error, drag_error: (B,) as of a `Cell`.
         pulse: (B, n, 1) column of an impulse at the last row where the command changes.
         difference: row (1, n + 1) of the command before the change less the one after it.
@@ -155,12 +154,8 @@ class Cells:
     def __init__(self, design: Design, cells: Sequence[Cell], pose_age: Fraction, coarse: bool = False) -> None:
         self.coarse, self.rough = coarse, coarse and len(cells[0].parameters) == 2
         self.loop = Loops(design, cells, pose_age)
-        self.vertices, self.steady, self.changing = (
-            np.array([getattr(cell, name) for cell in cells], dtype=object).astype(np.float64)
-            for name in ("vertices", "steady", "changing")
-        )
-        self.changing = self.changing * UP
-        self.directions = np.array([cell.directions for cell in cells], dtype=object).astype(np.float64)
+        self._cells = cells
+        self.vertices, self.directions = self._distances("vertices"), self._distances("directions")
         self.port_gain, self.port_gain_error, self.share_error, self.drag_error = (
             np.array([upper(getattr(cell, name)) for cell in cells])
             for name in ("port_gain", "port_gain_error", "share_error", "drag_error")
@@ -182,6 +177,20 @@ class Cells:
         self.difference = (first - last)[np.newaxis]
         after = loop.figure(acting[-1][1])
         self.pulse = loop.entered(loop.body.hold(after)[0][..., -1:], 0)
+
+    def _distances(self, name: str) -> FloatArray:
+        """Return those of all cells."""
+        return np.array([getattr(cell, name) for cell in self._cells], dtype=object).astype(np.float64)
+
+    @cached_property
+    def steady(self) -> FloatArray:
+        """(B, V, m + 1), of which few cells are asked."""
+        return self._distances("steady")
+
+    @cached_property
+    def changing(self) -> FloatArray:
+        """(B, m), likewise."""
+        return self._distances("changing") * UP
 
     @cached_property
     def growth(self) -> FloatArray:

@@ -81,7 +81,7 @@ class Bounds:
         # distances that are what they are for all of a flight: to these the answer is known to first order
         self._vertices = cells.steady if lag_varies else cells.vertices
         self._moved = np.abs(cells.vertices[..., :-1]).max(axis=1) * UP
-        self._changing = cells.changing if lag_varies else np.zeros_like(cells.changing)
+        self._changing = cells.changing if lag_varies else np.zeros_like(self._moved)
         gain = (decimal(gain_min) + decimal(gain_max)) / 2
         self._deviation = upper((decimal(gain_max) - decimal(gain_min)) / 2)
         loop = cells.loop
@@ -122,6 +122,7 @@ class Bounds:
         blocks = [enclosed(cells.difference)]
         for stretch in cells.stretches:
             blocks += [stretch.slope, stretch.nodes]
+        self._radius = np.stack([stretch.radius for stretch in cells.stretches], axis=-1)
         self._seen = 4 + sum(block.shape[-2] for block in blocks)
         blocks += [cells.lateness, cells.model_slopes]
         # by direction, if it stays what it is, sums are about half of those of its parts, which swing at other times
@@ -214,6 +215,16 @@ class Bounds:
         values[:, part["model"]] = curve * model_ripple * (A @ A @ self._model_growth @ B)
         return values * UP
 
+    def _in_stretches(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return bounds of x' at the beginning of each stretch (..., B, S, x), and of F at its nodes (..., B, S, k, m).
+
+        Args:
+            values: (..., B, rows) bounds of the signals at ticks.
+        """
+        x, m = self.cells.growth.shape[-1], self._on_state.shape[1]
+        parts = values[..., 5 : self._seen].reshape(*values.shape[:-1], self._radius.shape[1], -1)
+        return parts[..., :x], parts[..., x:].reshape(*parts.shape[:-1], -1, m)
+
     def _seen_between(self, values: FloatArray, leak: FloatArray) -> FloatArray:
         """Return bounds of F (..., B, m) at all times, from those of signals at ticks and of what acts between.
 
@@ -221,41 +232,26 @@ class Bounds:
             values: (..., B, rows) bounds of the signals at ticks.
             leak: (..., B, x) by how much inputs within a period move x.
         """
-        x, m = self.cells.growth.shape[-1], self._on_state.shape[1]
-        begin, bound = 5, np.zeros((*values.shape[:-1], m))
-        for stretch in self.cells.stretches:
-            count = stretch.nodes.shape[-2]
-            slope, nodes = values[..., begin : begin + x], values[..., begin + x : begin + x + count]
-            moved = stretch.radius[:, None] * _apply(self._reach, slope)
-            bound = np.maximum(bound, nodes.reshape(*values.shape[:-1], -1, m).max(axis=-2) + moved)
-            begin += x + count
-        return bound + _apply(self._on_state, leak)
+        slopes, nodes = self._in_stretches(values)
+        moved = self._radius[..., None] * _apply(self._reach[:, None], slopes)
+        return np.asarray((nodes.max(axis=-2) + moved).max(axis=-2) + _apply(self._on_state, leak))
 
     def _pulled_between(self, at_nodes: FloatArray, values: FloatArray, leak: FloatArray) -> FloatArray:
         """Return bounds of p'F (...) at all times and for all plants, from those in each direction at the nodes.
 
         Args:
-            at_nodes: (..., B, k U) bounds of it at the nodes.
+            at_nodes: (..., B, S k U) bounds of it at the nodes of all stretches.
             values: (..., B, rows) bounds of the signals at ticks.
             leak: (..., B, x) by how much inputs within a period move x.
         """
-        x, begin, first = self.cells.growth.shape[-1], 5, 0
-        moved, bound = self._moved, np.zeros(values.shape[:-1])
-        for stretch in self.cells.stretches:
-            count = stretch.nodes.shape[-2]
-            nodes = count // self._on_state.shape[1] * self.cells.directions.shape[1]
-            way = stretch.radius[:, None] * _apply(self._reach, values[..., begin : begin + x])
-            peaks = at_nodes[..., first : first + nodes].max(axis=-1)
-            bound = np.maximum(bound, peaks + (moved * way).sum(axis=-1))
-            begin, first = begin + x + count, first + nodes
-        return np.asarray(bound + (moved * _apply(self._on_state, leak)).sum(axis=-1))
+        way = self._radius[..., None] * _apply(self._reach[:, None], self._in_stretches(values)[0])
+        peaks = at_nodes.reshape(*at_nodes.shape[:-1], self._radius.shape[1], -1).max(axis=-1)
+        bound = (peaks + (self._moved[:, None] * way).sum(axis=-1)).max(axis=-1)
+        return np.asarray(bound + (self._moved * _apply(self._on_state, leak)).sum(axis=-1))
 
     def _bend_between(self, values: FloatArray, leak: FloatArray) -> FloatArray:
         """Return bounds of e'' (..., B) at all times; the arguments are those of `_seen_between`."""
-        x, begin, bend = self.cells.growth.shape[-1], 5, np.zeros(values.shape[:-1])
-        for stretch in self.cells.stretches:
-            bend = np.maximum(bend, _apply(self.cells.growth, values[..., begin : begin + x])[..., 1])
-            begin += x + stretch.nodes.shape[-2]
+        bend = _apply(self.cells.growth[:, None], self._in_stretches(values)[0])[..., 1].max(axis=-1)
         return np.asarray(bend + _apply(self._dynamics, leak)[..., 1])
 
     def _late_pose(self, values: FloatArray, leak: FloatArray, jolt: FloatArray, drives: Drives) -> FloatArray:
@@ -268,11 +264,7 @@ class Bounds:
             drives: what acts.
         """
         cells, h = self.cells, self.cells.period
-        A, E, x = self._dynamics, cells.loop.body.system[2], cells.growth.shape[-1]
-        slope, begin = np.zeros((*values.shape[:-1], x)), 5
-        for stretch in cells.stretches:
-            slope = np.maximum(slope, values[..., begin : begin + x])
-            begin += x + stretch.nodes.shape[-2]
+        A, E, slope = self._dynamics, cells.loop.body.system[2], self._in_stretches(values)[0].max(axis=-2)
         moving = _apply(cells.growth, slope) + _apply(A, leak) + E * (h * drives.rate)[:, None] + jolt
         bend = _apply(A, moving)[..., 1] + cells.drag_error * moving[..., 1] + drives.rate
 

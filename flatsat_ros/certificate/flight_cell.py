@@ -19,6 +19,7 @@ import itertools
 import math
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
+from functools import cached_property
 
 from flatsat_ros.base.errors import require
 from flatsat_ros.certificate.enclosures import decimal
@@ -121,31 +122,40 @@ class Cell:
         self.parameters = tuple(q)
         gain, tilt = q[1] / q[0], q[3] / q[0] if second else Fraction(0)
         late = (decimal(high.delay) - decimal(low.delay)) / 2
-        delays, self.vertices = sorted({-late, late}), []
-        for corner, s in itertools.product(corners, delays):
+        self._delays, self.vertices = sorted({-late, late}), []
+        for corner in corners:
             p = [value - mean for value, mean in zip(corner, q, strict=True)]
             p[1] -= gain * p[0]
             if second:
                 p[3] -= tilt * p[0]
-            self.vertices.append([*p, s])
-        self.directions = [p for *p, _ in self.vertices[:: len(delays)]] if second else []
-        errors = [Fraction(0)] if second else [decimal(g) - gain for g in _ends(low.gain, high.gain)]
-        self.steady = []
-        for error, s in itertools.product(errors, delays):
-            self.steady.append([Fraction(0), error * q[0], *[Fraction(0)] * (len(q) - 2), s])
-        self.changing = [max(abs(vertex[i]) for vertex in self.vertices) for i in range(len(q))]
-        if not second:  # p_1 = (g - g^) q_0
-            self.changing[1] = self.changing[0] * max(abs(error) for error in errors)
+            self.vertices += [[*p, s] for s in self._delays]
+        self.directions = [p for *p, _ in self.vertices[:: len(self._delays)]] if second else []
+        self._errors = [Fraction(0)] if second else [decimal(g) - gain for g in _ends(low.gain, high.gain)]
         self.port_gain = max(corner[1] for corner in corners)
         self.port_gain_error = max(abs(corner[1] - q[1]) for corner in corners)
         self.drag_error = (decimal(high.drag) - decimal(low.drag)) / 2
         self.share_error = max(abs(1 / decimal(g) - 1 / gain) for g in (low.gain, high.gain))
 
+    @cached_property
+    def steady(self) -> list[list[Fraction]]:
+        """Distances that stay."""
+        rest = [Fraction(0)] * (len(self.parameters) - 2)
+        every = itertools.product(self._errors, self._delays)
+        return [[Fraction(0), error * self.parameters[0], *rest, s] for error, s in every]
+
+    @cached_property
+    def changing(self) -> list[Fraction]:
+        """Bounds of the rest."""
+        bounds = [max(abs(vertex[i]) for vertex in self.vertices) for i in range(len(self.parameters))]
+        if not self.directions:  # of first order p_1 = (g - g^) q_0
+            bounds[1] = bounds[0] * max(abs(error) for error in self._errors)
+        return bounds
+
     def kind(self, design: Design, pose_age: Fraction) -> object:
         """Return what is the same for cells that can be computed side by side."""
         timing = Timing.of(design, self.delay, pose_age)
         acting = [tuple(index for index, _ in part) for part in (timing.plant, timing.plant_young)]
-        counts = len(self.vertices), len(self.directions), len(self.steady)
+        counts = len(self.vertices), len(self.directions), len(self._errors), len(self._delays)
         return len(self.parameters), *counts, timing.depth, *acting
 
 
