@@ -40,7 +40,7 @@ _PERIODS_MAX = 20_000
 
 # Loops that are summed side by side: so many that calls cost little beside what they compute, and so few that what is
 # computed stays near the processor.
-_BATCH = 6
+_BATCH = 8
 
 # Of one factor, for all loops: sums and largest values of the signals, and those at the vertices.
 Found = list[tuple[FloatArray, ...]]

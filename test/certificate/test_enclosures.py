@@ -14,6 +14,7 @@ from flatsat_ros.certificate import answers as sums
 from flatsat_ros.certificate import enclosures
 from flatsat_ros.certificate.answers import answers
 from flatsat_ros.certificate.enclosures import Enclosure, decimal, exponential, growth, sine, upper
+from flatsat_ros.certificate.running_sums import implied
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -135,6 +136,43 @@ def loop_holds(seed: int, forgets: bool, coarse: bool = False) -> bool:
 @given(seed=seeds, forgets=st.booleans(), coarse=st.booleans())
 def test_no_loop_answers_more_than_its_bounds(seed: int, forgets: bool, coarse: bool) -> None:
     assert loop_holds(seed, forgets, coarse)
+
+
+@settings(max_examples=6, deadline=None)
+@given(seed=seeds, coarse=st.booleans())
+def test_nor_does_one_that_remembers_for_many_chunks(seed: int, coarse: bool) -> None:
+    random, turn = np.random.default_rng(seed), 0.1
+    A = 0.96 * np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    A, B, C, step = (np.round(part * 256.0) / 256.0 for part in (A, *random.uniform(-1.0, 1.0, (3, 2, 2))))
+    step, kick, vertices = step / 64.0, B[:, :1], np.array([[[0.5], [-0.5]]])
+    none = Enclosure(np.zeros((1, 2, 0)))
+    given_parts = (Enclosure(part) for part in (A[None], B[None], C[None], step[None, None], kick[None, None]))
+    loop, inputs, signals, steps, kicks = given_parts
+    found = answers(loop, inputs, none, signals, steps, kicks, vertices, (1.0, 1.0078125), coarse=coarse)
+    factor, grown = Fraction(1.0078125), Fraction(1)
+    x, dx = exact(B), exact(kick)
+    total, more, bent = exact(np.zeros((2, 2))), exact(np.zeros((2, 2))), exact(np.zeros((2, 2)))
+    for _ in range(250):
+        grown = grown * factor
+        y, dy = abs(exact(C) @ x), exact(C) @ dx
+        total, more = total + y, more + grown * y
+        bent = bent + abs(exact(C) @ x[:, :1] + dy * exact(np.array([[0.5, -0.5]])))
+        x, dx = exact(A) @ x, exact(A) @ dx + exact(step) @ x[:, :1]
+    pairs = [(found[0].sums[0], total), (found[1].sums[0], more), (found[0].vertex_sums[0, :, :, 0].T, bent)]
+    for bound, true in pairs:
+        assert (exact(bound) >= true).all()
+        assert (exact(bound) <= true * (Fraction(3, 2) if coarse else Fraction(101, 100))).all()
+
+
+@given(seed=seeds, size=st.floats(0.0, 2.0))
+def test_sums_of_the_state_are_above_what_they_imply_or_nothing_is_claimed(seed: int, size: float) -> None:
+    random = np.random.default_rng(seed)
+    q, summed = random.uniform(size=(1, 3, 3)), random.uniform(size=(1, 3, 2))
+    q *= size / np.abs(np.linalg.eigvals(q[0])).max()
+    bound, shown = implied(summed, q)
+    if shown[0]:
+        assert (exact(summed[0]) + exact(q[0]) @ exact(bound[0]) < exact(bound[0])).all()
+    assert shown[0] == (size < 0.7) or 0.7 <= size < 1.0
 
 
 @pytest.mark.parametrize("name", ["ROUNDING", "UP", "rounding"])

@@ -73,6 +73,9 @@ def test_it_is_the_largest_of_all_cells_although_most_are_bounded_coarsely(monke
         if near == 1.03:
             assert sum(closely) <= len(parts) / 2
         closely.clear()
+    monkeypatch.setattr(flight_return, "_LONG", PERIOD / 2.0)  # loops of longer periods are bounded closely at once
+    box_claims(DESIGN, box, cuts, 1.0, 1.2, RATE, STILL)
+    assert closely == [len(parts)]
 
 
 def test_starts_decay_as_is_claimed(returned: Return) -> None:
