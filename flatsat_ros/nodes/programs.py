@@ -5,10 +5,13 @@ Nothing of ROS is imported here.
 
 from __future__ import annotations
 
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
+from types import FrameType
 
 
 def controller(argv: Sequence[str] | None = None) -> int:
@@ -47,12 +50,44 @@ def console(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(module: str, argv: Sequence[str] | None) -> int:
-    """Run the main function of a node's module; return the exit code of the process, 2 if a library is missing."""
+    """Run the main function of a node's module.
+
+    Returns:
+        The exit code of the process: 2 if a library is missing, 130 where Ctrl-C comes before the node hears it.
+    """
+    stopped: list[int] = []
     try:
-        program = import_module(f"flatsat_ros.nodes.{module}")
-    except ImportError as error:
-        reason = " ".join(str(error).split())
-        hint = "" if find_spec("rclpy") else "; source ROS 2 Jazzy first: . /opt/ros/jazzy/setup.bash"
-        print(f"error: {reason}{hint}", file=sys.stderr)
-        return 2
+        with _stoppable(stopped):
+            program = import_module(f"flatsat_ros.nodes.{module}")
+    except (Exception, KeyboardInterrupt) as error:
+        # an import that Ctrl-C ends may fail with an error of its own
+        if not stopped:
+            if not isinstance(error, ImportError):
+                raise
+            reason = " ".join(str(error).split())
+            hint = "" if find_spec("rclpy") else "; source ROS 2 Jazzy first: . /opt/ros/jazzy/setup.bash"
+            print(f"error: {reason}{hint}", file=sys.stderr)
+            return 2
+    if stopped:
+        print("stopped", file=sys.stderr)
+        return 128 + signal.SIGINT
     return int(program.main(argv))
+
+
+@contextmanager
+def _stoppable(stopped: list[int]) -> Iterator[None]:
+    """Let Ctrl-C raise KeyboardInterrupt, where it is not ignored, and take a note of it."""
+
+    def stop(number: int, _frame: FrameType | None) -> None:
+        stopped.append(number)
+        raise KeyboardInterrupt
+
+    before = signal.getsignal(signal.SIGINT)
+    if before is signal.SIG_IGN:
+        yield
+        return
+    signal.signal(signal.SIGINT, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

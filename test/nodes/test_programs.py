@@ -48,3 +48,23 @@ def test_another_missing_library_is_named_without_a_hint_to_ros(
     monkeypatch.setattr(programs, "import_module", missing)
     assert programs.mocap_player([]) == 2
     assert capsys.readouterr().err == "error: No module named 'tqdm'\n"
+
+
+# a finder that lets Ctrl-C come while a certain module is being looked for
+CTRL_C_AT = """
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            sys.meta_path.remove(self)
+            signal.raise_signal(signal.SIGINT)
+sys.meta_path.insert(0, Finder())
+"""
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("module", ["numpy", "rclpy.node"])
+def test_ctrl_c_while_imports_run_is_130_without_a_traceback(name: str, module: str) -> None:
+    start = f"import signal, sys\nfrom flatsat_ros.nodes import programs\n{CTRL_C_AT.format(module=module)}\n"
+    script = f"{start}sys.exit(programs.{name}([{name!r}]))"
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False)
+    assert (run.returncode, run.stdout, run.stderr) == (130, "", "stopped\n")
