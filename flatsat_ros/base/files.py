@@ -30,6 +30,18 @@ def user_path(text: str | os.PathLike[str]) -> Path:
         raise refusal("path", name, "", "a path whose home folder exists") from error
 
 
+def resolved(path: str | os.PathLike[str]) -> Path:
+    """Return the whole path to which links lead.
+
+    Raises:
+        FlatsatError: they lead round and round.
+    """
+    try:
+        return Path(path).resolve()
+    except (OSError, RuntimeError) as error:
+        raise unreadable(path, "its links lead round and round") from error
+
+
 def read_text(path: str | os.PathLike[str], bytes_max: int) -> str:
     """Return the text of a regular file.
 

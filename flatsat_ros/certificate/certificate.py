@@ -213,6 +213,19 @@ class Certificate:
         return certificate
 
     @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Certificate:
+        """Read a certificate of which nothing is proved.
+
+        Raises:
+            FlatsatError: the file cannot be read, or its form is another.
+        """
+        document = read_yaml(path)
+        try:
+            return cls.from_document(document)
+        except FlatsatError as error:
+            raise located(path, error) from error
+
+    @classmethod
     def from_document(cls, document: object) -> Certificate:
         """Build a certificate from the parsed YAML document, refusing whatever is not exactly its form."""
         figures, matrix = form.read(document)

@@ -131,7 +131,6 @@ def _attack(arguments: argparse.Namespace) -> int:
     from itertools import count
 
     from flatsat_ros.base.resources import config_path
-    from flatsat_ros.base.strict_yaml import read_yaml
     from flatsat_ros.certificate.certificate import Certificate
     from flatsat_ros.falsification.flight import Outcome, attack, section_of
     from flatsat_ros.falsification.flight_report import FlightTally
@@ -139,7 +138,7 @@ def _attack(arguments: argparse.Namespace) -> int:
 
     shell.require_alone(arguments, "attacked", "runs", "seconds", "seed", "workers")
     runs, seconds, seed, workers = _asked(arguments, _RUNS)
-    certificate = Certificate.from_document(read_yaml(config_path(arguments.attacked)))  # whether it is proved or not
+    certificate = Certificate.read(config_path(arguments.attacked))  # whether it is proved or not
     section_of(certificate)
     tally = FlightTally()
 
@@ -155,7 +154,6 @@ def _attack(arguments: argparse.Namespace) -> int:
 def _mutate(arguments: argparse.Namespace) -> int:
     from flatsat_ros.base.errors import FlatsatError, refusal
     from flatsat_ros.base.resources import config_path
-    from flatsat_ros.base.strict_yaml import read_yaml
     from flatsat_ros.certificate.certificate import Certificate
     from flatsat_ros.falsification.mutants import KINDS, Mutant, MutantTally, judged
 
@@ -165,7 +163,7 @@ def _mutate(arguments: argparse.Namespace) -> int:
     if arguments.mutants < 1:
         raise refusal("--mutants", arguments.mutants, "", "at least 1")
     _, seconds, seed, _ = _asked(arguments, _RUNS)
-    certificate, tally = Certificate.from_document(read_yaml(config_path(arguments.attacked))), MutantTally()
+    certificate, tally = Certificate.read(config_path(arguments.attacked)), MutantTally()
 
     def take(result: tuple[Mutant, str]) -> tuple[int, int]:
         tally.add(*result)

@@ -31,12 +31,12 @@ def _parser() -> shell.Parser:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from flatsat_ros.base.files import check_writable, make_folder, write_text
+    from flatsat_ros.base.files import check_writable, make_folder, resolved, write_text
     from flatsat_ros.viewing.bag import read_flight
     from flatsat_ros.viewing.page import report
 
-    bag = arguments.bag.resolve()
-    target: Path = arguments.output or bag.with_name(f"{bag.stem}.html")
+    bag = resolved(arguments.bag)
+    target: Path = arguments.output or bag.parent / f"{bag.stem}.html"
     make_folder(target.parent)
     check_writable(target)
     flight = read_flight(bag, _progress)

@@ -116,13 +116,11 @@ def _verify(path: Path) -> None:
     """Check a certificate and print its margins."""
     from flatsat_ros.base.errors import FlatsatError
     from flatsat_ros.base.files import located
-    from flatsat_ros.base.strict_yaml import read_yaml
     from flatsat_ros.certificate.certificate import Certificate
     from flatsat_ros.synthesis.report import margins
 
-    document = read_yaml(path)
+    certificate = Certificate.read(path)
     try:
-        certificate = Certificate.from_document(document)
         proved = certificate.margins()
         print("\n".join(margins(proved)))
         certificate.check(proved)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -17,7 +18,20 @@ import pytest
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.interrupts import STOPPING, signals_held
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.cli import demo, excitation, falsify, faults, identify, plan, reproduce, shell, synthesize, validate
+from flatsat_ros.cli import (
+    demo,
+    excitation,
+    falsify,
+    faults,
+    identify,
+    plan,
+    report,
+    reproduce,
+    shell,
+    soak,
+    synthesize,
+    validate,
+)
 
 pytestmark = pytest.mark.beside_flights
 
@@ -28,7 +42,9 @@ PROGRAMS = {
     "excitation": excitation.main,
     "identify": identify.main,
     "plan": plan.main,
+    "report": report.main,
     "reproduce": reproduce.main,
+    "soak": soak.main,
     "synthesize": synthesize.main,
     "validate": validate.main,
 }
@@ -95,6 +111,11 @@ def group() -> Iterator[list[subprocess.Popen[str]]]:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
         process.communicate()
+
+
+def test_no_command_line_is_left_out() -> None:
+    setup = (Path(__file__).parents[2] / "setup.py").read_text(encoding="utf-8")
+    assert sorted(PROGRAMS) == sorted(re.findall(r"= flatsat_ros[.]cli[.](\w+):main", setup))
 
 
 @pytest.mark.parametrize("program", PROGRAMS)
@@ -280,6 +301,26 @@ def test_a_full_disk_behind_stdout_is_one_line(arguments: list[str], group: list
     _, errors = group[-1].communicate(timeout=120)
     assert errors == "error: [Errno 28] No space left on device\n"
     assert group[-1].returncode == 2
+
+
+@pytest.mark.parametrize("program", ["falsify", "falsify --mutants 1", "synthesize --verify"])
+def test_what_is_wrong_in_a_file_is_said_with_its_path(
+    program: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, (name, *options) = tmp_path / "empty.yaml", program.split()
+    file.write_text("", encoding="utf-8")
+    assert PROGRAMS[name]([*options, str(file)]) == 2
+    assert refusal(capsys).startswith(f"{file}: the certificate = None: must be a mapping")
+
+
+@pytest.mark.parametrize("bag", ["loop.mcap", "/"])
+def test_a_bag_that_is_no_place_for_a_report_is_refused(
+    bag: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("loop.mcap").symlink_to("loop.mcap")
+    assert PROGRAMS["report"]([bag]) == 2
+    assert f"{bag}: cannot be read: " in refusal(capsys)
 
 
 def test_a_reader_that_leaves_is_one_line(group: list[subprocess.Popen[str]]) -> None:
