@@ -22,7 +22,7 @@ from flatsat_ros.certificate.certificate import Certificate, load_certificate
 from flatsat_ros.planning import Asked, Mission, Round, Wishes, plan, read_mission, rounds
 from flatsat_ros.planning.descent import descend
 from flatsat_ros.planning.planner import finished
-from flatsat_ros.planning.program import ORDERS, Derivatives, Retimed, bezier_matrices
+from flatsat_ros.planning.program import ORDERS, Derivatives, Program, Retimed, bezier_matrices
 from flatsat_ros.planning.reference import _linear_step, shapes_of, shortest, shortest_legs, smoothest
 from flatsat_ros.planning.search import Search, Swarm
 from flatsat_ros.planning.shapes import Shapes
@@ -326,6 +326,12 @@ def test_descent_finds_the_minimum_of_rosenbrocks_function() -> None:
 def test_what_cannot_be_planned_is_refused_by_name(asked: list[Any], text: str) -> None:
     with pytest.raises(FlatsatError, match=text):
         mission(*asked)
+
+
+def test_a_solver_that_fails_is_not_taken_for_the_proof_that_there_is_no_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Program, "minimised", lambda *_: None)
+    with pytest.raises(FlatsatError, match="found no reference through them"):
+        plan(mission(WAY.tolist()))
 
 
 def test_a_margin_beyond_the_input_set_is_refused() -> None:
