@@ -249,7 +249,7 @@ def _bound(mission: Mission, shapes: Shapes) -> float:
 
 def _no_way(name: str, mission: Mission) -> FlatsatError:
     lower, upper = mission.bounds.lower.tolist(), mission.bounds.upper.tolist()
-    return FlatsatError(f"way-points of {name}: found no reference through them inside the box from {lower} to {upper} m")
+    return FlatsatError(f"way-points of {name}: found no reference through them in the box from {lower} to {upper} m")
 
 
 def _curve(shapes: Shapes, points: FloatArray, unit: int) -> Curve:
