@@ -15,7 +15,7 @@ from flatsat_ros.crazyflie.vehicle import Dynamics, VehicleProfile
 # s, from a command to the drone, which a controller takes for granted by default: computer and radio
 LINK_DELAY = 0.028
 # an attitude loop that is damped less is no first-order lag
-_UNDERDAMPED = 0.75
+UNDERDAMPED = 0.75
 # figures in files are rounded, relative
 _ROUNDING = 1e-6
 
@@ -46,10 +46,10 @@ def require_fit(certificate: Certificate, vehicle: VehicleProfile, link_delay: f
     if flight is None:
         return
     dynamics, attitude = vehicle.dynamics, vehicle.dynamics.attitude
-    if flight.horizontal.box.low.frequency == 0.0 and attitude.damping < _UNDERDAMPED:
+    if flight.horizontal.box.low.frequency == 0.0 and attitude.damping < UNDERDAMPED:
         raise FlatsatError(
             f"certificate {certificate.name!r} is for attitudes without overshoot, but that of {robot}, vehicle "
-            f"{vehicle.name!r}, has a damping of {attitude.damping:g}: must be at least {_UNDERDAMPED}"
+            f"{vehicle.name!r}, has a damping of {attitude.damping:g}: must be at least {UNDERDAMPED}"
             + another(certificate, vehicle)
         )
     boxes = [axis.box for axis in flight.axes]

@@ -13,6 +13,7 @@ from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.demo.record import PLAN
 from flatsat_ros.demo.scenario import Scenario, default_certificate, planned
+from flatsat_ros.flight.separation import DOWNWASH
 from flatsat_ros.planning.mission import Asked, Mission
 from flatsat_ros.planning.planner import Round, finished
 from flatsat_ros.plans.tubes import promise
@@ -23,7 +24,6 @@ _PATIENCE = 60.0  # s, without any plan
 _APART = 0.75  # m, between neighbours: both bodies and both tubes are 0.5 m
 _RADIUS, _HEIGHT = 1.0, 1.0  # m, of the circle at least, and above the floor
 _ROOM, _LOW, _HIGH = 0.5, 0.4, 2.0  # m, around the circle, and between which heights
-_DOWNWASH = 2.0
 
 
 def exchange(folder: Path, count: int, wind: float = 0.0, progress: Callable[[Round], None] | None = None) -> Scenario:
@@ -70,7 +70,7 @@ def mission_of(certificate: Certificate, count: int) -> Mission:
         Asked(f"cf{i}", np.array([[x, y, _HEIGHT], [-x, -y, _HEIGHT]])) for i, (x, y) in enumerate(places.tolist(), 1)
     )
     side = radius + _ROOM
-    bounds, tube = promise(certificate, [-side, -side, _LOW], [side, side, _HIGH], downwash=_DOWNWASH)
+    bounds, tube = promise(certificate, [-side, -side, _LOW], [side, side, _HIGH], downwash=DOWNWASH)
     return Mission(
-        f"exchange_{count}", drones, certificate.name, certificate.limits, bounds, tube, downwash=_DOWNWASH
+        f"exchange_{count}", drones, certificate.name, certificate.limits, bounds, tube, downwash=DOWNWASH
     )  # fmt: skip

@@ -27,7 +27,7 @@ from flatsat_ros.law.input_set import InputSet
 _LANDING_SPEED = 0.4
 _LANDING_DEPTH = 2.0
 # below this height over its ground, m, a drone only climbs
-_NEAR_GROUND = 0.2
+NEAR_GROUND = 0.2
 # there, one that is no faster than this, m/s, stands
 _STANDING_SPEED = 0.1
 # a drone hangs below its reference from this error on, m, until it is below the second
@@ -180,7 +180,7 @@ class Guidance:
         motion = self.references.motion(index, now)
         if place is not None:
             away = motion[0, :2] - place[:2]
-            kept = 0.0 if place[2] - self.ground[index] < _NEAR_GROUND else _GIVES_WAY
+            kept = 0.0 if place[2] - self.ground[index] < NEAR_GROUND else _GIVES_WAY
             motion[0, :2] = place[:2] + away * min(1.0, kept / max(float(np.hypot(*away)), _GIVES_WAY))
         self._goals[index] = self._below(index, motion)
         self.landing[index] = True
@@ -216,7 +216,7 @@ class Guidance:
             return away
         # a drone near the ground only climbs; a goal that is where it comes to rest is found on the whole way
         if self.goal(index) is not None:
-            self._waiting[index] = state[2] - self.ground[index] < _NEAR_GROUND
+            self._waiting[index] = state[2] - self.ground[index] < NEAR_GROUND
         self._plan(index, motion, now, urgent=urgent)
         return 0.0
 
@@ -224,7 +224,7 @@ class Guidance:
         """Return the motion (4, 3) of drone index with a state (6,); the speed of one that stands is noise."""
         motion = np.zeros((4, 3))
         motion[0] = state[:3]
-        if state[2] - self.ground[index] >= _NEAR_GROUND or np.abs(state[3:]).max() > _STANDING_SPEED:
+        if state[2] - self.ground[index] >= NEAR_GROUND or np.abs(state[3:]).max() > _STANDING_SPEED:
             motion[1] = state[3:]
         return motion
 
@@ -252,7 +252,7 @@ class Guidance:
 
     def near_ground(self, state: FloatArray) -> np.ndarray:
         """Tell who is near the ground on which it stood last, (N,); state is (N, 6), m, m/s."""
-        return np.asarray(state[:, 2] - self.ground < _NEAR_GROUND)
+        return np.asarray(state[:, 2] - self.ground < NEAR_GROUND)
 
     def update(
         self, now: float, state: FloatArray, reference: FloatArray, flying: np.ndarray, full: np.ndarray

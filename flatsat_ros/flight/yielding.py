@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.flight.guidance import Guidance
+from flatsat_ros.flight.guidance import NEAR_GROUND, Guidance
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.neighbours import Conflict, Neighbours
 from flatsat_ros.flight.policy import GoalMode, Policy
@@ -33,8 +33,6 @@ _MEASURE_PERIODS = (0.05, 0.5)
 _SPEED_CHANGE = 1.0
 # drones that have been too near are told again when they have been farther apart than that by this, m
 _APART = 0.05
-# a drone less than this above its ground, m, does not brake: it would stay there with its motors on
-_NEAR_GROUND = 0.2
 
 
 class Yielding:
@@ -130,12 +128,12 @@ class Yielding:
         return brake is None or self._guidance.references.trajectory(index) is not brake
 
     def _keeps_its_way(self, index: int) -> bool:
-        """Tell whether drone index does not brake for others: it lands, or is still near the ground."""
+        """Tell whether drone index does not brake for others: it lands, or would stay near the ground, motors on."""
         return bool(self._guidance.landing[index]) or self.is_low(index)
 
     def is_low(self, index: int) -> bool:
         """Tell whether drone index is near the ground."""
-        return bool(self._neighbours.state[index, 2] - self._guidance.ground[index] < _NEAR_GROUND)
+        return bool(self._neighbours.state[index, 2] - self._guidance.ground[index] < NEAR_GROUND)
 
     def _brake(self, index: int) -> FloatArray | None:
         """Let drone index brake; return where it was on its way to, (3,) m; None if it is led nowhere."""

@@ -19,6 +19,7 @@ from flatsat_ros.base.errors import FlatsatError, one_line, quoted, refusal, req
 from flatsat_ros.base.files import located, read_text, unreadable
 from flatsat_ros.base.strict_yaml import read_yaml, section
 from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.flight.separation import DOWNWASH
 from flatsat_ros.planning.mission import Asked, Mission
 from flatsat_ros.planning.polynomials import is_polynomials, read_polynomials
 from flatsat_ros.plans import Box
@@ -28,7 +29,6 @@ _BYTES_MAX = 1024 * 1024
 _ROWS_MAX = 500
 _AROUND = 0.5  # m: the box around way-points, where none is given
 _BODY = 0.15  # m, radius, where none is given
-_DOWNWASH = 2.0
 _COLUMNS = ("x", "y", "z", "yaw", "t", "radius")
 
 
@@ -65,7 +65,7 @@ class _Content:
     drones: tuple[Asked, ...]
     times: FloatArray | None = None
     box: tuple[FloatArray, FloatArray] | None = None
-    downwash: float = _DOWNWASH
+    downwash: float = DOWNWASH
     obstacles: tuple[Box, ...] = ()
     laps: int | None = None
 
@@ -183,7 +183,7 @@ def _from_yaml(
         )
     given: dict[str, Any] = {
         "body": _BODY,
-        "downwash": _DOWNWASH,
+        "downwash": DOWNWASH,
         "times": None,
         "box": None,
         "obstacles": {},

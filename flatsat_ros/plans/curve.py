@@ -36,7 +36,7 @@ NANOMETRE = Fraction(1, 10**9)  # m
 MICROSECOND = Fraction(1, 10**6)  # s
 UNIT = 2**30  # of a metre, and of a m/s, ...: fixed-point numbers of the proofs
 
-_FARTHEST = 500 * 10**9  # nm: differences of positions times directions of 20 bits fit 64 bits
+FARTHEST = 500 * 10**9  # nm: differences of positions times directions of 20 bits fit 64 bits
 _LONGEST = 3600 * 10**6  # us
 _NAMES = ("position", "velocity", "acceleration", "jerk", "snap")
 
@@ -78,7 +78,7 @@ class Curve:
             require(count >= ORDER, "number of spans of a closed curve", count, "", f"at least {ORDER}")
         require(len(points) == count, "number of control points", len(points), "", spans)
         farthest = max(abs(value) for point in points for value in point)
-        require(farthest <= _FARTHEST, "a coordinate", farthest, "nm", f"at most {_FARTHEST} nm from 0")
+        require(farthest <= FARTHEST, "a coordinate", farthest, "nm", f"at most {FARTHEST} nm from 0")
         for end, ends in (("first", points[:AT_REST]), ("last", points[-AT_REST:])):
             if len(set(ends)) > 1 and not self.closed:
                 raise FlatsatError(f"the {end} {AT_REST} control points differ: must be equal, the curve's rest there")

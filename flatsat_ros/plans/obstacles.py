@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import FlatsatError, refusal, require
 from flatsat_ros.plans import tables
+from flatsat_ros.plans.curve import FARTHEST
 from flatsat_ros.plans.drone import NAME
 
 BOXES_MAX = 32  # in one plan
 
-_FARTHEST = 500 * 10**9  # nm, as for the points of a curve
 _COLUMNS = (None, 9, 9, 9, 9, 9, 9)
 
 
@@ -35,7 +35,7 @@ class Box:
     def __post_init__(self) -> None:
         require(NAME.fullmatch(self.name) is not None, "name of an obstacle", self.name, "", "letters, digits, _")
         farthest = max(map(abs, (*self.lower, *self.upper)))
-        require(farthest <= _FARTHEST, f"a corner of {self.name}", farthest, "nm", f"at most {_FARTHEST} nm from 0")
+        require(farthest <= FARTHEST, f"a corner of {self.name}", farthest, "nm", f"at most {FARTHEST} nm from 0")
         for axis, low, high in zip("xyz", self.lower, self.upper, strict=True):
             if not low < high:
                 raise refusal(f"upper {axis} of {self.name}", high / 1e9, "m", f"above the lower one, {low / 1e9:g} m")

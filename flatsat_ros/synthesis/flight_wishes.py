@@ -12,6 +12,7 @@ from flatsat_ros.base.strict_yaml import read_yaml
 from flatsat_ros.certificate.flight_cell import Box
 from flatsat_ros.certificate.flight_plant import Plant
 from flatsat_ros.certificate.flight_tube import Assumptions
+from flatsat_ros.crazyflie.fit import UNDERDAMPED
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 
 # What is taken for granted without better knowledge: references like a swap of places in 4 s, poses at 100 Hz of which
@@ -25,9 +26,6 @@ DELAY = (0.01, 0.04)
 
 # Relative uncertainty of what a profile says.
 _LAG, _DRAG, _THRUST = 0.2, 0.1, 0.03
-
-# An attitude loop that is damped less than this is no first-order lag.
-_UNDERDAMPED = 0.75
 
 _INTERVALS = ("delay", "lag", "gain", "frequency", "damping")
 
@@ -60,7 +58,7 @@ def sides(vehicle: VehicleProfile, intervals: dict[str, tuple[float, float]]) ->
     dynamics, known = vehicle.dynamics, vehicle.intervals
     attitude = dynamics.attitude
     found = {"delay": DELAY, "drag": _around(dynamics.drag_xy, _DRAG), "gain": (dynamics.attitude_gain,) * 2}
-    second = attitude.damping < _UNDERDAMPED
+    second = attitude.damping < UNDERDAMPED
     if second:
         found |= {"frequency": (attitude.natural_frequency,) * 2, "damping": (attitude.damping,) * 2}
         lean = known.velocity_tilt if known is not None and known.velocity_tilt else (dynamics.velocity_tilt,) * 2
