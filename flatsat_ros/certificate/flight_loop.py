@@ -28,6 +28,7 @@ bounds are bounds of Euclidean norms of vectors over the axes that share their f
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -42,6 +43,17 @@ from flatsat_ros.certificate.flight_plant import Design, Dynamics, Pieces, Plant
 
 # Commands under way; more make loops that no design is for.
 _DEPTH = 40
+
+
+def require_short(delays: Iterable[float], period: float) -> None:
+    """Require that delays, s, are at most as many periods, s, as there may be commands under way.
+
+    Raises:
+        FlatsatError: one is longer.
+    """
+    most = _DEPTH * period
+    for delay in delays:
+        require(delay <= most, "delay", delay, "s", f"at most {most:.6g} s, {_DEPTH} periods")
 
 
 class Loop(ABC):
@@ -285,9 +297,7 @@ class FlightLoop(Loop):
         require_not_negative("pose_age", self.pose_age, "s")
         period = self.design.period
         require(self.pose_age <= period, "pose_age", self.pose_age, "s", f"at most the period, {period:g} s")
-        most = _DEPTH * self.design.period
-        for delay in (self.plant.delay, self.design.model.delay):
-            require(delay <= most, "delay", delay, "s", f"at most {most:.6g} s, {_DEPTH} periods")
+        require_short((self.plant.delay, self.design.model.delay), period)
 
     @property
     def body(self) -> Dynamics:

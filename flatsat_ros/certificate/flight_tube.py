@@ -22,6 +22,7 @@ from flatsat_ros.certificate.enclosures import UP, decimal, upper
 from flatsat_ros.certificate.flight_batch import side_by_side
 from flatsat_ros.certificate.flight_bounds import Bounds, Drives
 from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight_loop import require_short
 from flatsat_ros.certificate.flight_plant import Design, Plant
 
 
@@ -209,11 +210,12 @@ def cell_bounds(
     With `faster` they have those of `Bounds.growing`, too; `coarse` is as for `Cells`.
 
     Raises:
-        FlatsatError: a whole period lies inside the interval of a delay, the gains are no interval above 0, or poses
-            are older than two periods.
+        FlatsatError: a whole period lies inside the interval of a delay or it is longer than 40 periods, the gains are
+            no interval above 0, or poses are older than two periods.
     """
     if not pose_age <= 2.0 * design.period:
         raise refusal("pose_age", pose_age, "s", f"at most two periods, {2.0 * design.period:g} s")
+    require_short([design.model.delay, *(box.high.delay for box in boxes)], design.period)
     for box in boxes:
         if not box.within_periods(design.period):
             raise FlatsatError(f"delays from {box.low.delay} to {box.high.delay} s: must have no whole period inside")

@@ -48,7 +48,7 @@ def inverse(matrices: FloatArray) -> Enclosure:
 
     With R = 1 - M G of norm r < 1 the inverse of G is M + R M + R^2 M + ..., where M is what is computed.
     """
-    mid: FloatArray = np.asarray(np.linalg.pinv(matrices), dtype=np.float64)
+    mid: FloatArray = np.asarray(np.linalg.pinv(np.nan_to_num(matrices, posinf=0.0, neginf=0.0)), dtype=np.float64)
     wrong = (np.eye(matrices.shape[-1]) - Enclosure(mid) @ matrices).size
     norm = wrong.sum(axis=-1).max(axis=-1)[:, None, None] * UP
     rest = norm * norm / (1.0 - norm) * np.abs(mid).max(axis=-2, keepdims=True)

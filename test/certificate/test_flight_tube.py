@@ -326,6 +326,14 @@ def test_what_has_no_bound_is_infinite() -> None:
             lambda: cell_tube(FIRST, Box(Plant(0.03, 0.1), Plant(0.05, 0.1)), 1.0, 1.5, STILL),
             "must have no whole period inside",
         ),
+        (
+            lambda: cell_tube(FIRST, Box(Plant(3e6, 0.1), Plant(3e6, 0.1)), 1.0, 1.5, STILL),
+            "delay = 3000000.0 s: must be at most 0.8 s, 40 periods",
+        ),
+        (
+            lambda: cell_tube(replace(FIRST, model=Plant(3e6, 0.14)), BOXES["first"], 1.0, 1.5, STILL),
+            "delay = 3000000.0 s: must be at most 0.8 s, 40 periods",
+        ),
         (lambda: cell_tube(FIRST, BOXES["first"], 1.5, 1.0, STILL), "gain_min = 1.5: must be above 0 and at most"),
         (lambda: Assumptions(0.35, -1e-3, 1.0, 0.58, 0.66), "noise = -0.001 m: must be a number from 0"),
     ],
