@@ -33,25 +33,27 @@ def _parser() -> shell.Parser:
     )
     parser.add_argument(
         "--seconds",
-        type=float,
+        type=shell.number,
         default=3 * LEG_TIME,
         help=f"of swapping, in legs of {LEG_TIME:g} s, or as slow as the certificate wants (default: %(default)g)",
     )
     parser.add_argument("--plan", type=shell.path, metavar="FILE", help="fly this plan instead, see the program plan")
     parser.add_argument(
         "--robots",
-        type=int,
+        type=shell.integer,
         help="let so many fly to the opposite places of a circle instead, by a plan that is made and proved first; "
         "with --paper the number of drones that swap",
     )
     parser.add_argument(
         "--wind",
-        type=float,
+        type=shell.number,
         default=0.0,
         metavar="M_S",
         help="steady, along x, with --plan or --robots; at most what the certificate assumes",
     )
-    parser.add_argument("--rate", type=float, help="of the controller, Hz, with --paper (default: the certificate's)")
+    parser.add_argument(
+        "--rate", type=shell.number, help="of the controller, Hz, with --paper (default: the certificate's)"
+    )
     parser.add_argument("--headless", action="store_true", help="one process on simulated time, no ROS: fast, no bag")
     parser.add_argument("--console", action="store_true", help="show the flight live on a page of this machine, too")
     parser.add_argument("--offset-free", action="store_true", help="with --paper, compensate the estimated disturbance")

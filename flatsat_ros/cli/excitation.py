@@ -19,7 +19,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _place(text: str) -> tuple[float, ...]:
     """Read x,y,z."""
-    place = tuple(float(item) for item in text.split(","))
+    place = tuple(shell.number(item) for item in text.split(","))
     if len(place) != 3:
         raise ValueError
     return place

@@ -38,11 +38,11 @@ def _parser() -> shell.Parser:
         help="attack what this one's flight section claims, with the controller's own code; a name or a path, proved "
         "or not (default: campaigns against certificates that they draw)",
     )  # fmt: skip
-    parser.add_argument("--runs", type=int, help=f"closed loops in all (default: {_RUNS})")
-    parser.add_argument("--seconds", type=float, help=f"stop after so long (default: {_SECONDS:g})")
+    parser.add_argument("--runs", type=shell.integer, help=f"closed loops in all (default: {_RUNS})")
+    parser.add_argument("--seconds", type=shell.number, help=f"stop after so long (default: {_SECONDS:g})")
     parser.add_argument("--campaign", choices=CAMPAIGNS, help="this one only")
-    parser.add_argument("--seed", type=int, help="of the first batch (default: 0)")
-    parser.add_argument("--workers", type=int, help="processes (default: one for each core)")
+    parser.add_argument("--seed", type=shell.integer, help="of the first batch (default: 0)")
+    parser.add_argument("--workers", type=shell.integer, help="processes (default: one for each core)")
     parser.add_argument("--sabotage", choices=SABOTAGES, help=wrong)
     parser.add_argument(
         "--plans", nargs="+", type=shell.path, metavar="FILE",
@@ -51,7 +51,7 @@ def _parser() -> shell.Parser:
     )  # fmt: skip
     parser.add_argument("--certificate", metavar="NAME_OR_PATH", help="of --plans (default: the controller's)")
     parser.add_argument(
-        "--mutants", type=int, metavar="N",
+        "--mutants", type=shell.integer, metavar="N",
         help="instead of flights verify so many copies of CERTIFICATE that claim less, as many that claim more by less "
         "than the slack of an inequality, and as many that claim more than that, which must be refused",
     )  # fmt: skip

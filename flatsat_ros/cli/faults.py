@@ -42,7 +42,7 @@ def _parser() -> shell.Parser:
     parser.add_argument(
         "--certificate", metavar="NAME_OR_PATH", help=f"that the drones are flown with (default: {DEFAULT_CERTIFICATE})"
     )
-    parser.add_argument("--workers", type=int, help="processes (default: one for each core)")
+    parser.add_argument("--workers", type=shell.integer, help="processes (default: one for each core)")
     parser.add_argument("--output", type=shell.path, help=f"folder of {_TABLE} and {_PAGE} (default: {_FOLDER})")
     parser.add_argument("--replay", metavar="FAULT:PHASE[:SEED]", help="one row again, moment by moment")
     return parser

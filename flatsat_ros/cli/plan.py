@@ -73,9 +73,9 @@ def _parser() -> shell.Parser:
         ("floor", "M", "lowest height of references (default: the mission's, else that of the first way-point)"),
         ("seconds", "S", f"how long to search (default: {_SECONDS:g}); the best plan by then, or by Ctrl-C, is kept"),
     ):
-        wishes.add_argument(f"--{option}", type=float, metavar=unit, help=text)
+        wishes.add_argument(f"--{option}", type=shell.number, metavar=unit, help=text)
     wishes.add_argument(
-        "--laps", type=int, metavar="N",
+        "--laps", type=shell.integer, metavar="N",
         help="fly way-points that end where they begin N times without a stop (default: the mission's, else from rest "
         "to rest)",
     )  # fmt: skip
@@ -127,6 +127,8 @@ def _plan(arguments: argparse.Namespace) -> None:
     from flatsat_ros.planning.planner import plan
 
     output: Path | None = arguments.output
+    if output is not None and arguments.trade:
+        raise FlatsatError("--output: not used with --trade, which makes no plan; drop one or the other")
     if output is not None:
         shell.require_new(output, arguments.force)
     elif arguments.force:

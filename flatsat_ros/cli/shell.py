@@ -142,6 +142,20 @@ def path(text: str) -> Path:
         raise argparse.ArgumentTypeError(str(error)) from error
 
 
+def number(text: str) -> float:
+    """Return the number that an argument says."""
+    from flatsat_ros.base.numerals import number_of
+
+    return number_of(text)
+
+
+def integer(text: str) -> int:
+    """Return the integer that an argument says."""
+    from flatsat_ros.base.numerals import integer_of
+
+    return integer_of(text)
+
+
 def require_alone(arguments: argparse.Namespace, option: str, *beside: str) -> None:
     """Refuse, beside an option, all others that it would ignore.
 

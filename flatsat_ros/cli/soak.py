@@ -25,8 +25,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _parser() -> shell.Parser:
     parser = shell.Parser("soak", __doc__)
-    parser.add_argument("--minutes", type=float, default=60.0, help="of flight (default: %(default)g)")
-    parser.add_argument("--drones", type=int, default=10, help="their number (default: %(default)s)")
+    parser.add_argument("--minutes", type=shell.number, default=60.0, help="of flight (default: %(default)g)")
+    parser.add_argument("--drones", type=shell.integer, default=10, help="their number (default: %(default)s)")
     parser.add_argument(
         "--output", type=shell.path, default=_FOLDER, help=f"folder of {_SUMMARY} and logs (default: %(default)s)"
     )

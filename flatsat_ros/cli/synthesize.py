@@ -37,7 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _numbers(text: str) -> list[float]:
     """Read numbers separated by commas."""
-    return [float(item) for item in text.split(",")]
+    return [shell.number(item) for item in text.split(",")]
 
 
 def _parser() -> shell.Parser:
@@ -51,24 +51,35 @@ def _parser() -> shell.Parser:
     own = parser.add_argument_group("inputs")
     own.add_argument("--name", help="name of the certificate (default: the output file's)")
     thrust = own.add_mutually_exclusive_group()
-    thrust.add_argument("--thrust-max", type=float, metavar="M_S2", help="T_max, m/s^2, normalised by the mass")
-    thrust.add_argument("--thrust-max-g", type=float, metavar="G", help=f"T_max as a multiple of g = {GRAVITY} m/s^2")
-    own.add_argument("--tilt-max-deg", type=float, metavar="DEG", help=f"eps_max (default: {_TILT_MAX_DEG})")
-    own.add_argument("--period", type=float, metavar="S", help=f"sampling period h (default: {_PERIOD})")
-    own.add_argument("--lag", type=float, metavar="S", help="lag tau of the acceleration (default: vehicle's, or 0)")
-    own.add_argument("--delay", type=float, metavar="S", help="delay d of the command (default: vehicle's, or 0)")
+    thrust.add_argument("--thrust-max", type=shell.number, metavar="M_S2", help="T_max, m/s^2, normalised by the mass")
+    thrust.add_argument(
+        "--thrust-max-g", type=shell.number, metavar="G", help=f"T_max as a multiple of g = {GRAVITY} m/s^2"
+    )
+    own.add_argument("--tilt-max-deg", type=shell.number, metavar="DEG", help=f"eps_max (default: {_TILT_MAX_DEG})")
+    own.add_argument("--period", type=shell.number, metavar="S", help=f"sampling period h (default: {_PERIOD})")
+    own.add_argument(
+        "--lag", type=shell.number, metavar="S", help="lag tau of the acceleration (default: vehicle's, or 0)"
+    )
+    own.add_argument(
+        "--delay", type=shell.number, metavar="S", help="delay d of the command (default: vehicle's, or 0)"
+    )
     own.add_argument(
         "--vehicle", metavar="NAME_OR_PATH", help="vehicle profile: lag, delay, and the bound and default of T_max"
     )
     goals = parser.add_argument_group("goals")
-    goals.add_argument("--rate", type=float, metavar="1/S", help=f"decay rate alpha (default: {_RATE}) or beta")
+    goals.add_argument("--rate", type=shell.number, metavar="1/S", help=f"decay rate alpha (default: {_RATE}) or beta")
     goals.add_argument("--cover", type=_numbers, metavar="DX,DY,DZ[,VX,VY,VZ]", help="cover these start errors, m, m/s")
     goals.add_argument("--drift", type=_numbers, metavar="H[,V]", help="withstand this drift of the position, m/s")
     goals.add_argument("--push", type=_numbers, metavar="H[,V]", help="withstand this push, m/s^2")
     goals.add_argument(
-        "--kappa", type=float, metavar="K", help="with lag or delay: certify kappa-sets down to this (default: 1)"
+        "--kappa",
+        type=shell.number,
+        metavar="K",
+        help="with lag or delay: certify kappa-sets down to this (default: 1)",
     )
-    goals.add_argument("--gain-max", type=float, metavar="G", help="a smaller cap: larger sets with lag or delay")
+    goals.add_argument(
+        "--gain-max", type=shell.number, metavar="G", help="a smaller cap: larger sets with lag or delay"
+    )
     own.add_argument(
         "--output", type=shell.path, metavar="FILE", help="certificate to write; without it nothing is written"
     )
@@ -83,7 +94,9 @@ def _parser() -> shell.Parser:
     flight.add_argument(
         "--assume", metavar="still|gusts|FILE", help="about air, measurement and references (default: still)"
     )
-    flight.add_argument("--seconds", type=float, metavar="S", help="of search for each kind of axes (default: 90)")
+    flight.add_argument(
+        "--seconds", type=shell.number, metavar="S", help="of search for each kind of axes (default: 90)"
+    )
     flight.add_argument("--designs", type=shell.path, metavar="FILE", help="prove stored designs again instead")
     paper = parser.add_argument_group("certificates of the paper")
     paper.add_argument("--paper", choices=("simulation", "experiment", "robust", "all"), help="compute these instead")

@@ -38,7 +38,9 @@ def _parser() -> shell.Parser:
         help="the drone's own profile: the base, whose thrust map and intervals are judged, too",
     )
     parser.add_argument("--write", type=shell.path, metavar="FILE", help="assumptions file to write, for synthesize")
-    parser.add_argument("--coverage", type=float, metavar="SHARE", help="of the samples, in what is written (0.999)")
+    parser.add_argument(
+        "--coverage", type=shell.number, metavar="SHARE", help="of the samples, in what is written (0.999)"
+    )
     parser.add_argument("--force", action="store_true", help="overwrite the assumptions")
     return parser
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError, refusal, require
 from flatsat_ros.base.files import located, read_text, unreadable
+from flatsat_ros.base.numerals import number_of
 from flatsat_ros.identification.columns import ColumnMap, recognise
 
 LOG_BYTES = 256 * 1024 * 1024  # an hour at 100 Hz with 60 columns
@@ -162,7 +163,7 @@ def _log(name: str, lines: Sequence[str], header: Sequence[str], known: ColumnMa
 def _number(text: str) -> float | None:
     """Return a number, NaN for an empty field, None for what is no number."""
     try:
-        return float(text) if text.strip() else math.nan
+        return number_of(text) if text.strip() else math.nan
     except ValueError:
         return None
 

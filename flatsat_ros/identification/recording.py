@@ -16,6 +16,7 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError, quoted, refusal
 from flatsat_ros.base.files import located, read_text, unreadable
+from flatsat_ros.base.numerals import number_of
 
 COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 
@@ -115,17 +116,15 @@ def read_csv(path: str | os.PathLike[str]) -> Recording:
 
 def _row(line: str) -> list[float] | None:
     """Return the numbers of a line, none of them if one is not a number, or None if the line breaks off."""
-    if "_" in line or not line.isascii():  # 1_000 and foreign digits are numbers for Python alone
-        return []
     *whole, last = line.split(",", len(COLUMNS))
     # with an empty cell before the last one, an empty last one is a part of what was lost, not of what was written
     lost = len(whole) == len(COLUMNS) - 1 and not last.strip() and not all(part.strip() for part in whole)
     try:
-        row = [float(part) if part.strip() else math.nan for part in whole]
+        row = [number_of(part) if part.strip() else math.nan for part in whole]
     except ValueError:
         return []
     try:
-        row.append(math.nan if lost else float(last))
+        row.append(math.nan if lost else number_of(last))
     except ValueError:
         return None if len(row) < len(COLUMNS) and _NUMERALS.issuperset(last.strip()) else []
     return row if len(row) >= len(COLUMNS) else None

@@ -17,6 +17,7 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import FlatsatError, one_line, quoted, refusal, require, require_number
 from flatsat_ros.base.files import located, read_text, unreadable
+from flatsat_ros.base.numerals import number_of
 from flatsat_ros.base.strict_yaml import read_yaml, section
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.flight.separation import DOWNWASH
@@ -162,7 +163,7 @@ def _numbers(name: str, cells: Sequence[str], count: int) -> list[float]:
     if len(cells) != count:
         raise refusal(name, ",".join(cells), "", f"{count} numbers, one for each column")
     try:
-        values = [float(cell) for cell in cells]
+        values = [number_of(cell) for cell in cells]
     except ValueError as error:
         raise refusal(name, ",".join(cells), "", "numbers") from error
     if not all(map(math.isfinite, values)):

@@ -16,6 +16,7 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError, refusal, require
 from flatsat_ros.base.files import read_text, unreadable
+from flatsat_ros.base.numerals import number_of
 from flatsat_ros.plans import Curve
 from flatsat_ros.plans.curve import AT_REST
 
@@ -70,7 +71,7 @@ def _read(path: str | os.PathLike[str]) -> tuple[FloatArray, FloatArray]:
     table = []
     for number, row in enumerate(rows[1:], 1):
         try:
-            values = [float(cell) for cell in row]
+            values = [number_of(cell) for cell in row]
         except ValueError as error:
             raise refusal(f"piece {number}", ",".join(row), "", "numbers") from error
         if len(values) != len(_COLUMNS) or not all(map(math.isfinite, values)):

@@ -107,7 +107,9 @@ def other(waypoints: Path) -> Path:
         (["{file}", "--floor", "0.5"], "z of way-point 1 of cf1 = 0.0 m: must be from 0.5"),
         (["{file}", "--seconds", "0"], "seconds = 0.0 s: must be a number above 0"),
         (["{file}", "--laps", "2"], "distance of the last way-point of cf1 from the first = 1.41"),
-        (["{file}", "--laps", "2.5"], "argument --laps: invalid int value: '2.5'"),
+        (["{file}", "--laps", "2.5"], "argument --laps: invalid integer value: '2.5'"),
+        (["{file}", "--laps", "1_0"], "argument --laps: invalid integer value: '1_0'"),
+        (["{file}", "--trade", "--output", "{file}.yaml"], "--output: not used with --trade"),
         (["{file}", "--force"], "--force overwrites the output"),
         (["--verify", "{plan}", "--tube", "0.1"], "--tube: not used with --verify"),
         (

@@ -165,7 +165,7 @@ def test_a_certificate_is_verified_and_a_wrong_one_refused(
         (["--thrust-max", "9.81"], "must be above gravity = 9.81 m/s^2, or it cannot hover"),
         (["--thrust-max-g", "0.9"], "cannot hover"),
         (["--thrust-max", "nan"], "thrust_max = nan m/s^2: must be a number above 0"),
-        (["--thrust-max", "much"], "invalid float value: 'much'"),
+        (["--thrust-max", "much"], "invalid number value: 'much'"),
         (["--thrust-max", "14", "--thrust-max-g", "1.4"], "not allowed with"),
         ([*PAPER_LIMITS, "--tilt-max-deg", "90"], "must be from 1e-12 to below pi/2 rad, which is 90 deg"),
         ([*PAPER_LIMITS, "--tilt-max-deg", "0"], "which is 90 deg"),
