@@ -242,7 +242,9 @@ def _obstacle(name: str, entry: object) -> Box:
 def _from_json(path: str | os.PathLike[str]) -> _Content:
     """Read a mission of lsc_planner: kinds of quadrotors, one world with its dimension, agents with start and goal."""
     try:
-        document = json.loads(read_text(path, _BYTES_MAX), parse_constant=_no_constant)
+        document = json.loads(
+            read_text(path, _BYTES_MAX), parse_constant=_no_constant, object_pairs_hook=_with_each_key_once
+        )
     except (ValueError, RecursionError) as error:
         if isinstance(error, FlatsatError):
             raise
@@ -265,6 +267,15 @@ def _from_json(path: str | os.PathLike[str]) -> _Content:
     require(len(downwash) == 1, "downwash", sorted(downwash), "", "the same for all drones")
     boxes = tuple(_obstacle(f"obstacle{number}", entry) for number, entry in enumerate(obstacles, 1))
     return _Content(tuple(drones), None, (dimension[:3], dimension[3:]), downwash.pop(), boxes)
+
+
+def _with_each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise FlatsatError(f"key {quoted(key)} stands there twice")
+        found[key] = value
+    return found
 
 
 def _no_constant(name: str) -> float:

@@ -456,6 +456,7 @@ def test_goals_are_gone_to_from_present_places(tmp_path: Path) -> None:
         ),
         ("a.json", json.dumps(JSON | {"agents": [{"type": "crazyflie", "start": [0, 0, 1]}]}), "goal is missing"),
         ("a.json", json.dumps(JSON | {"agents": [{"type": 10**400, "start": 0, "goal": 0}]}), "quadrotors: must be"),
+        ("a.json", json.dumps(JSON).replace("{", '{"agents": 0, ', 1), "key 'agents' stands there twice"),
         (
             "a.yaml",
             f"drones: {{a: [[0, 0, 1], [1, 0, 1]]}}\nobstacles: {{{'w' * 600}: {{type: box, lower: 1, upper: 2}}}}",
