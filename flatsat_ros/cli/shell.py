@@ -21,6 +21,9 @@ from typing import Any, NoReturn
 
 REFUSED = 2
 
+# What command lines take without a name, by attribute of the arguments.
+_WITHOUT_NAME = {"attacked": "CERTIFICATE", "file": "FILE"}
+
 
 class _CommandLineError(Exception):
     """A command line that cannot be used; the text says why."""
@@ -170,12 +173,17 @@ def require_alone(arguments: argparse.Namespace, option: str, *beside: str) -> N
     from flatsat_ros.base.errors import FlatsatError
 
     ignored = [
-        f"--{name.replace('_', '-')}"
+        _typed(name)
         for name, value in sorted(vars(arguments).items())
         if name not in (option, *beside) and value is not None and value is not False
     ]
     if ignored:
-        raise FlatsatError(f"{', '.join(ignored)}: not used with --{option.replace('_', '-')}; drop one or the other")
+        raise FlatsatError(f"{', '.join(ignored)}: not used with {_typed(option)}; drop one or the other")
+
+
+def _typed(name: str) -> str:
+    """Return what a command line calls an attribute of the arguments."""
+    return _WITHOUT_NAME.get(name, f"--{name.replace('_', '-')}")
 
 
 def require_new(target: Path, force: bool) -> None:

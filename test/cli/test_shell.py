@@ -303,6 +303,21 @@ def test_a_full_disk_behind_stdout_is_one_line(arguments: list[str], group: list
     assert group[-1].returncode == 2
 
 
+@pytest.mark.parametrize(
+    ("line", "text"),
+    [
+        ("plan way.csv --verify p.yaml", "FILE: not used with --verify; drop one or the other"),
+        ("falsify cf21_50hz --campaign hold", "--campaign: not used with CERTIFICATE; drop one or the other"),
+    ],
+)
+def test_what_has_no_name_on_the_command_line_is_called_as_in_its_help(
+    line: str, text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    program, *arguments = line.split()
+    assert PROGRAMS[program](arguments) == 2
+    assert refusal(capsys) == f"{text}\n"
+
+
 @pytest.mark.parametrize("program", ["falsify", "falsify --mutants 1", "synthesize --verify"])
 def test_what_is_wrong_in_a_file_is_said_with_its_path(
     program: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
