@@ -75,14 +75,16 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _asked(arguments: argparse.Namespace, most: int) -> tuple[int, float, int, int]:
     """Return runs, by default the most, seconds, first seed and number of workers."""
-    from flatsat_ros.base.errors import FlatsatError
+    from flatsat_ros.base.errors import require
 
     runs = most if arguments.runs is None else arguments.runs
     seconds = _SECONDS if arguments.seconds is None else arguments.seconds
     seed = arguments.seed or 0
     workers = os.cpu_count() or 1 if arguments.workers is None else arguments.workers
-    if min(runs, workers) < 1 or seed < 0 or not seconds > 0.0:
-        raise FlatsatError("--runs, --workers and --seconds must be above 0, --seed at least 0")
+    require(runs >= 1, "--runs", runs, "", "at least 1")
+    require(seconds > 0.0, "--seconds", seconds, "s", "above 0")
+    require(seed >= 0, "--seed", seed, "", "at least 0")
+    require(workers >= 1, "--workers", workers, "", "at least 1")
     return runs, seconds, seed, workers
 
 

@@ -127,8 +127,9 @@ def _plan(arguments: argparse.Namespace) -> None:
     from flatsat_ros.planning.planner import plan
 
     output: Path | None = arguments.output
-    if output is not None and arguments.trade:
-        raise FlatsatError("--output: not used with --trade, which makes no plan; drop one or the other")
+    for option in ("output", "seconds") if arguments.trade else ():
+        if getattr(arguments, option) is not None:
+            raise FlatsatError(f"--{option}: not used with --trade, which makes no plan; drop one or the other")
     if output is not None:
         shell.require_new(output, arguments.force)
     elif arguments.force:

@@ -68,3 +68,19 @@ def test_the_time_is_bounded(capsys: pytest.CaptureFixture[str]) -> None:
 def test_what_cannot_be_used_is_refused_in_one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(arguments) == 2
     assert re.fullmatch(r"error: .* must be .*\n", capsys.readouterr().err)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "text"),
+    [
+        ("--runs", "0", "--runs = 0: must be at least 1"),
+        ("--workers", "-1", "--workers = -1: must be at least 1"),
+        ("--seconds", "nan", "--seconds = nan s: must be above 0"),
+        ("--seed", "-5", "--seed = -5: must be at least 0"),
+    ],
+)
+def test_a_refused_option_is_named_with_its_value(
+    option: str, value: str, text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([f"{option}={value}"]) == 2
+    assert capsys.readouterr().err == f"error: {text}\n"

@@ -110,6 +110,7 @@ def other(waypoints: Path) -> Path:
         (["{file}", "--laps", "2.5"], "argument --laps: invalid integer value: '2.5'"),
         (["{file}", "--laps", "1_0"], "argument --laps: invalid integer value: '1_0'"),
         (["{file}", "--trade", "--output", "{file}.yaml"], "--output: not used with --trade"),
+        (["{file}", "--trade", "--seconds", "3"], "--seconds: not used with --trade"),
         (["{file}", "--force"], "--force overwrites the output"),
         (["--verify", "{plan}", "--tube", "0.1"], "--tube: not used with --verify"),
         (
