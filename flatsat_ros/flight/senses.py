@@ -42,8 +42,8 @@ _LIFT_TIME = 1.0
 # by no more than this, m/s^2
 _CLIMBS_NOT, _CLIMBS_NOT_MOST = 1.0, 1.0
 # One whose poses mislead about what is up has left the ground upward all the same, wherever they show it: along that
-# way it gets so much more, 1/s, for what it sinks faster than by this, m/s, up to so much, m/s^2.
-_SINKS, _SINKS_BEYOND, _SINKS_MOST = 2.0, 0.4, 1.0
+# way it is pushed by this, 1/s, times what is missing to this speed, m/s: up and down by so much at most, m/s^2.
+_SINKS, _SINKS_BEYOND, _SINKS_MOST = 2.0, 0.4, (1.0, 2.5)
 # a drone that moves faster than this, m/s, does not stand; noise of 2 mm in the poses shows half of that
 _MOVING = 0.2
 
@@ -109,7 +109,7 @@ class Senses:
             climbs, usable = self._exchange.pushed(velocity[:, 2], climbs, usable)
         if any_of(self._misled):
             sinks = -(velocity * self._up).sum(axis=1) - _SINKS_BEYOND
-            climbs = np.where(self._misled, -np.clip(_SINKS * sinks, 0.0, _SINKS_MOST), climbs)
+            climbs = np.where(self._misled, np.clip(-_SINKS * sinks, -_SINKS_MOST[0], _SINKS_MOST[1]), climbs)
         return self.descent.thrust(now) - np.where(usable, climbs, 0.0)
 
     def set_clock_back(self, now: float) -> None:

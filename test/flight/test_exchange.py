@@ -1,4 +1,4 @@
-"""Drones that have had each other's poses since before their take-off come down without harm, and nobody else does."""
+"""Drones whose poses have been another's, or upside down, since before their take-off come down without harm."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from flatsat_ros.flight.tick import Tick
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.closed_loop import fly
 from flatsat_ros.sim.dynamics import Wind
-from flatsat_ros.sim.faults import FaultyLink, commands_delayed, exchanged
+from flatsat_ros.sim.faults import FaultyLink, commands_delayed, exchanged, mirrored
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.sensor import MotionCapture
 
@@ -122,6 +122,17 @@ def test_nothing_else_that_moves_drones_up_and_down_is_taken_for_it(
         flight.pilot.set_goal(index, flight.fleet.bodies.position[index] + (0.0, 0.0, 0.5 * (index - 1)))
     flight.pass_to(13.0)
     assert not flight.told
+
+
+@pytest.mark.parametrize("name", ["cf21_adaptive_50hz", "cf21_50hz"])
+@pytest.mark.parametrize("thrust", [0.95, 1.05, 1.1, 1.2])
+def test_whoever_is_seen_to_sink_as_it_takes_off_comes_down_slowly(name: str, thrust: float) -> None:
+    flight = Flight(name, (0.0,), thrust=thrust, prepare=lambda link: link.poses.append(mirrored(2)))
+    flight.pass_to(10.0)
+    assert flight.pilot.mode[0] == Mode.FALLEN
+    assert flight.record.impact[0] <= SOFTLY
+    assert max(flight.cut) < 0.05
+    assert flight.record.height[0] < 0.5
 
 
 def looks(follows: list[int], pushes: np.ndarray) -> set[int]:

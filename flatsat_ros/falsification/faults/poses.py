@@ -214,6 +214,13 @@ POSE_FAULTS = (
         _MIRRORED,
         since_take_off=EARLY,
     ),
+    from_the_start(
+        "poses_z_mirrored_thrust_plus_10",
+        "z has the other sign, with 10 % of thrust too much",
+        poses(lambda _: faults.mirrored(2), ALL),
+        replace(_MIRRORED, told=r"has z the other sign"),
+        fleet={"thrust_scale": 1.1},
+    ),
     _lasting("poses_mm", "poses of whole millimetres", lambda _: faults.rounded(1e-3), _SURVIVED),
     _lasting(
         "bodies_exchanged",
