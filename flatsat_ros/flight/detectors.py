@@ -1,4 +1,4 @@
-"""What a drone's motion says about the ground, falls, wind and swings; `astray` has what it says about its commands."""
+"""What a drone's motion says about the ground, wind and swings; `falls` and `astray` have what else it says."""
 
 from __future__ import annotations
 
@@ -29,16 +29,6 @@ _ENOUGH_RISE, _ENOUGH_TIME = 0.01, 0.4
 # A drone that moves sideways by so much, m, before it has left the ground does not climb where it is told to, unless it
 # was seen to rise by more than so small a part of that: gusts push one sideways that hops on the cushion of the ground.
 _SLID, _HOPPED = 0.15, 0.2
-
-# A drone falls when it sinks faster than this, m/s, and is disturbed downward by more than this, m/s^2.
-_FALLING_SPEED = 1.0
-_FALLING_DISTURBANCE = 4.0
-# It lies when so near, m, to the ground on which it once stood it stays within so little, m, though commanded upward by
-# this, m/s^2, for this long, s.
-_NEAR_GROUND = 0.10
-_STILL = 0.003
-_UPWARD = 0.3
-_LYING_TIME = 1.5
 
 # A drone whose commanded tilt has this share of the largest is at its limit.
 _AT_LIMIT = 0.9
@@ -198,44 +188,6 @@ class LiftOffDetector:
         enough = waiting & strong & (moved[:, 2] < _ENOUGH_RISE)
         self._enough_since = np.where(enough, np.minimum(self._enough_since, now), np.inf)
         return np.asarray(held | (now - self._enough_since >= _ENOUGH_TIME))
-
-
-class FallDetector:
-    """Tells which drones fall, or lie on the ground, though they are commanded to fly: their motors do not obey."""
-
-    def __init__(self, count: int) -> None:
-        self._since = np.full(count, np.inf)
-        self._place = np.full((count, 3), np.nan)  # where it has been lying since
-
-    def fell(
-        self, now: float, state: FloatArray, disturbance: FloatArray, upward: FloatArray, height: FloatArray
-    ) -> np.ndarray:
-        """Tell who fell, (N,), of drones that have left the ground and are steered.
-
-        Args:
-            now: s.
-            state: (N, 6) position, m, and velocity, m/s.
-            disturbance: (N,) estimated vertical disturbance, m/s^2.
-            upward: (N,) vertical acceleration that was commanded at the last tick, m/s^2.
-            height: (N,) above the ground on which each stood last, m; infinite for those that are not judged.
-        """
-        sinking, low = state[:, 5] < -_FALLING_SPEED, np.abs(height) < _NEAR_GROUND
-        if not (any_of(sinking) or any_of(low)):
-            self._since[:] = np.inf
-            return sinking
-        falling = sinking & np.isfinite(height) & (disturbance < -_FALLING_DISTURBANCE)
-        lying = low & (upward > _UPWARD)
-        if not any_of(lying):
-            self._since[:] = np.inf
-            return np.asarray(falling)
-        moved = ~(np.abs(state[:, :3] - self._place).max(axis=1) < _STILL)
-        self._place[moved] = state[moved, :3]
-        self._since = np.where(lying & ~moved, np.minimum(self._since, now), np.inf)
-        return np.asarray(falling | (now - self._since >= _LYING_TIME))
-
-    def set_clock_back(self, now: float) -> None:
-        """Let nothing last longer because the clock was set back to now, s."""
-        self._since = np.where(np.isfinite(self._since), np.minimum(self._since, now), np.inf)
 
 
 class TiltLimitDetector:

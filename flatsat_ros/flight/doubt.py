@@ -30,6 +30,9 @@ _OLD = 0.12
 # vertically the amplitude of a swing with its mean square over about so long, s: a late loop swings, a gust does not.
 _STRANGE, _TIMES = np.array([0.016, 0.0075]), np.array([5.0, 2.5])
 _SWINGING = 0.4
+# until it has been off the ground for a while its thrust is not known yet, and gusts come on top of that: so many times
+# as far it may swing
+_CLIMBING = 1.5
 # A drone is doubted for so long, s, after the last reason; if there is another within so long, s, after that, for
 # longer by this factor, up to so long, s: a loop that is late swings again at once, gusts come by chance.
 _DOUBTED, _AGAIN, _LONGER, _LONGEST = 2.0, 6.0, 4.0, 60.0
@@ -37,12 +40,15 @@ _DOUBTED, _AGAIN, _LONGER, _LONGEST = 2.0, 6.0, 4.0, 60.0
 # more than so long, s, besides
 _LIFTED = 1.5
 _CALM, _WAITED = 0.5, 2.0
+# The stiff law would answer to more than this, m and m/s, along z with all its thrust, and swing a late loop at once:
+# so long it is flown softly on.
+_NEAR, _SLOWLY = 0.1, 0.2
 # what disturbs one that is doubted is made up for with this time constant, s: quickly that would swing a drone whose
 # commands act late, of which its estimate knows nothing
 _SLOW = 1.5
 # a landing drone that is slowed by so much, m/s, from one tick to the next and then stays within so much, m, is carried
 _STOPPED, _STAYS = 0.15, 0.01
-_TOLD = "its poses come too late or are not where they are expected: flown softly for {:g} s"
+_TOLD = "its poses come too late or are not where they are expected: flown softly for {:g} s at least"
 
 
 class Doubt:
@@ -67,6 +73,7 @@ class Doubt:
         self._expected = float(bounds[0])
         self._until = np.full((count, 2), -np.inf)  # s, horizontal and vertical
         self._lifted = np.full(count, -np.inf)  # s, until when each has just left the ground
+        self._rested = np.full(count, -np.inf)  # s, until when what carries each may still show in its height
         self._doubted = np.full(count, _DOUBTED)  # for how long the next time, s
         self._square, self._looked = np.zeros(count), -np.inf  # mean, of the vertical innovations, m^2; and when, s
         self._period = flight.horizontal.design.period
@@ -97,9 +104,10 @@ class Doubt:
             innovation: (N, 2) its size, horizontal and vertical, m.
         """
         sideways, ended = innovation[:, 0], self._until[:, 1]
-        known = flying & (now >= self._lifted)  # by then its thrust has been learnt
-        swing = self._swing(now, np.where(known, innovation[:, 1], 0.0))
+        swing = self._swing(now, np.where(flying & (now >= self._rested), innovation[:, 1], 0.0))
         beyond = (sideways > self._strange[0]) | (swing > self._strange[1])
+        if any_of(beyond):
+            beyond &= (sideways > self._strange[0]) | (swing > _CLIMBING * self._strange[1]) | (now >= self._lifted)
         waits = now < np.minimum(self._until[:, 0], self._lifted + _WAITED)
         longer = flying & waits & (sideways > self._expected)
         self._until[longer, 0] = np.maximum(self._until[longer, 0], now + _CALM)
@@ -114,6 +122,28 @@ class Doubt:
         self._until[strange] = (now + self._doubted)[strange, np.newaxis]
         self._reports += [(int(i), _TOLD.format(self._doubted[i])) for i in np.flatnonzero(new)]
         self.any = True
+
+    def hold(self, now: float, error: FloatArray, touching: np.ndarray | None = None) -> None:
+        """Let doubts last while a drone is too far from its reference in height for what follows.
+
+        Args:
+            now: s.
+            error: (N, 6) m and m/s.
+            touching: (N,) who lands and is so low that the ground may carry it, while its reference sinks on; nobody by
+                default.
+        """
+        far = (np.abs(error[:, 2]) > _NEAR) | (np.abs(error[:, 5]) > _SLOWLY)
+        if touching is not None:
+            far &= ~touching
+        held = far & (now < self._until[:, 1])
+        self._until[held, 1] = np.maximum(self._until[held, 1], now + _CALM)
+
+    def land(self, now: float, landing: np.ndarray) -> None:
+        """Let drones land softly, (N,), that were flown so lately: a swing must not begin again before the ground."""
+        lately = landing & (now - self._until[:, 1] < _LONGEST)
+        if any_of(lately):
+            self._until[lately, 1] = np.maximum(self._until[lately, 1], now + _CALM)
+            self.any = True
 
     def _swing(self, now: float, innovation: FloatArray) -> FloatArray:
         """Return how far vertical innovations (N,), m, swing, (N,) m; unseen ones are next to nothing."""
@@ -130,7 +160,7 @@ class Doubt:
 
     def rest(self, now: float, resting: np.ndarray) -> None:
         """Let heights of drones that may stand on something, (N,), be as they are, and for a while after that."""
-        self._lifted[resting] = now + _LIFTED
+        self._rested[resting] = now + _LIFTED
 
     def slowed(self, now: float, lately: Callable[[], FloatArray], disturbance: FloatArray) -> FloatArray:
         """Return the disturbances (N, 3), m/s^2, that are made up for: slowly, of drones that are not where expected.

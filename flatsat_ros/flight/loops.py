@@ -111,6 +111,11 @@ class Loop(ABC):
         """Return who is where it cannot be if nothing is broken; nobody where no tube is known."""
         return []
 
+    @property
+    def doubted(self) -> np.ndarray | None:
+        """(N,) who is flown softly in height; None for nobody."""
+        return None
+
     def unclaimed(self, index: int) -> str:
         """Return why the tube is not claimed of drone index; empty if it is, or none is known."""
         return ""
@@ -232,7 +237,10 @@ class PredictedLoop(Loop):
                 innovation[self._carried.look(now, drones.landing, higher, height)] = 0.0
             doubt.rest(now, drones.resting(estimated))
             doubt.look(now, airborne, self._predictor.age, innovation)
+        if drones.landing is not None and drones.touching is not None:
+            doubt.land(now, drones.landing & ~drones.touching)
         if doubt.any:
+            doubt.hold(now, self._error, drones.touching)
             self._doubts = doubt.of(now)
         return doubt.any
 
@@ -264,6 +272,11 @@ class PredictedLoop(Loop):
             broken=monitors.broken,
             tube=self._tubes,
         )
+
+    @property
+    def doubted(self) -> np.ndarray | None:
+        """(N,) who is flown softly in height; None for nobody."""
+        return self._doubts[:, 1] if self._doubt.any else None
 
     def astray(self) -> list[int]:
         """Return who is outside its tube although all seems to be as assumed."""

@@ -9,8 +9,9 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.flight.braking import Braking
 from flatsat_ros.flight.command_check import CommandCheck
 from flatsat_ros.flight.descent import BlindDescent
-from flatsat_ros.flight.detectors import LIFTED_OFF, FallDetector, LiftOffDetector, TouchDownDetector
+from flatsat_ros.flight.detectors import LIFTED_OFF, LiftOffDetector, TouchDownDetector
 from flatsat_ros.flight.exchange import ExchangeDetector
+from flatsat_ros.flight.falls import FallDetector
 from flatsat_ros.flight.following_check import FollowingCheck
 from flatsat_ros.flight.guidance import Guidance
 from flatsat_ros.flight.modes import AIRBORNE, Mode
@@ -72,7 +73,7 @@ class Senses:
         self._touch_down = TouchDownDetector(count)
         enough = max(_ENOUGH, 1.0 / max(1.0 - policy.thrust_error_max, 1e-3))
         self._lift_off = LiftOffDetector(count, policy.lift_off_time, enough)
-        self._fall = FallDetector(count)
+        self._fall = FallDetector(count, self._period)
         self._command_check = CommandCheck(certificate, policy.yaw_source, self._period, count)
         self._following_check = FollowingCheck(certificate, policy.drag, count)
         self._gaps = PoseGaps(count, self._period)
@@ -201,6 +202,7 @@ class Senses:
         unseen: np.ndarray | None = None,
         newest: FloatArray | None = None,
         measured: FloatArray | None = None,
+        doubted: np.ndarray | None = None,
     ) -> np.ndarray:
         """Learn from one tick; return who is steered in the air, away from the ground, (N,).
 
@@ -214,12 +216,15 @@ class Senses:
             unseen: (N,) whose yaw is assumed, or learnt from motion, see `take_turns`; nobody's by default.
             newest: (N,) stamps of the newest poses, s; by default there are new ones.
             measured: (N, 3) positions measured then, m; given with the stamps.
+            doubted: (N,) who is flown softly in height, see `flight.doubt`; nobody by default.
         """
         self._acceleration, self._above = acceleration, error[:, 2]
         self._push += self._tick * acceleration
         self._ticks += 1
         if self._ticks % self._every:
             return np.asarray(self._free & flying)
+        if newest is not None and measured is not None:
+            self._fall.note(acceleration[:, 2], newest, measured[:, 2])
         disturbance = estimated[:, 6:]
         standing = self._lift_off.standing
         high = flying & (estimated[:, 2] >= self._low)
@@ -239,7 +244,7 @@ class Senses:
         # what is learnt quickly is not learnt again from a disturbance that no new pose has confirmed
         if self.thrust.quick:
             span = self._period * new
-        self.thrust.learn(acceleration[:, 2] + self._gravity, disturbance[:, 2], learning, lifting, span)
+        self.thrust.learn(acceleration[:, 2] + self._gravity, disturbance[:, 2], learning, lifting, span, doubted)
         # of one that was taken over and stands on something nothing comes; it is judged once it was seen to move
         judged = (flying & ~self.grounded) | self.braking.active
         seen = None if newest is None or measured is None else (newest, measured)

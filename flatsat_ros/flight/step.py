@@ -132,6 +132,7 @@ class ControlStep:
             guessed,
             estimator.newest,
             estimator.measured,
+            parts.loop.doubted,
         )
         if parts.orientations.from_motion and senses.looked:
             estimator.yaw += senses.take_turns()

@@ -17,6 +17,8 @@ _SETTLED_TIME = 5.0
 _TIME_CONSTANT = 3.0
 # and with an estimate of the disturbance that knows the lag of the thrust, in so many first seconds in the air
 _QUICK_TIME_CONSTANT, _QUICK_TIME = 0.5, 2.0
+# by then of a drone that is flown softly: what is disturbance of a loop that is late would swing it otherwise
+_DOUBTED_TIME_CONSTANT = 1.0
 
 
 class ThrustScale:
@@ -53,6 +55,7 @@ class ThrustScale:
         flying: np.ndarray,
         lifting: np.ndarray,
         period: float | FloatArray,
+        doubted: np.ndarray | None = None,
     ) -> None:
         """Follow what one tick shows.
 
@@ -62,6 +65,7 @@ class ThrustScale:
             flying: (N,) who is in the air, away from the ground, which may carry it.
             lifting: (N,) who stands on the ground and is commanded upward.
             period: since the last tick, s; for each drone, or one for all.
+            doubted: (N,) who is flown softly in height; nobody by default.
         """
         self._learnt += period * flying
         # noise of the velocity hides that it stands, now and then
@@ -73,7 +77,10 @@ class ThrustScale:
         weak = lifting & (self._lifting > np.where(self._learnt < _SETTLED_TIME, *_LIFTING_TIME))
         constant: float | FloatArray = _TIME_CONSTANT
         if self.quick:
-            constant = np.where(self._learnt < _QUICK_TIME, _QUICK_TIME_CONSTANT, _TIME_CONSTANT)
+            quick: float | FloatArray = _QUICK_TIME_CONSTANT
+            if doubted is not None:
+                quick = np.where(doubted, _DOUBTED_TIME_CONSTANT, quick)
+            constant = np.where(self._learnt < _QUICK_TIME, quick, _TIME_CONSTANT)
         scale = self.scale * (1.0 + period / constant * error - period * _LIFTING_RATE * weak)
         before, self.scale = self.scale, np.minimum(np.maximum(scale, 1.0 - self._error_max), 1.0 + self._error_max)
         if self.quick:

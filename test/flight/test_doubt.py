@@ -93,7 +93,7 @@ def test_old_poses_and_those_that_are_not_where_they_are_expected_are_doubted_fo
     assert doubt.of(begin + 2.9).all()
     ((index, text),) = doubt.reports()
     assert index == 0
-    assert text.endswith("flown softly for 2 s")
+    assert text.endswith("flown softly for 2 s at least")
     assert not doubt.of(begin + 3.1).any()
     assert not doubt.any
 
@@ -155,10 +155,44 @@ def test_who_leaves_the_ground_is_doubted_sideways_for_a_moment() -> None:
     doubt.wait(3.0, np.array([True, False]))
     assert doubt.of(4.0).tolist() == [[True, False], [False, False]]
     assert not doubt.of(4.6).any()
-    # thrust that is not known yet is nothing strange in its height
-    for now, raised in ((4.4, [False, True]), (4.6, [True, True])):
-        doubt.look(now, np.ones(2, dtype=bool), np.zeros(2), np.array([[0.0, 0.1]] * 2))
+
+
+@pytest.mark.parametrize(("off", "early"), [(0.03, False), (0.1, True)])
+def test_thrust_that_is_not_known_yet_is_nothing_strange_in_its_height_but_a_large_swing_is(
+    off: float, early: bool
+) -> None:
+    doubt = Doubt(FLIGHT, BOUNDS, 2)
+    doubt.wait(3.0, np.array([True, False]))
+    for now, raised in ((4.4, [early, True]), (4.6, [True, True])):
+        doubt.look(now, np.ones(2, dtype=bool), np.zeros(2), np.array([[0.0, off]] * 2))
         assert doubt.of(now)[:, 1].tolist() == raised
+
+
+def test_a_doubt_lasts_until_the_drone_is_near_its_reference_in_height_and_slow() -> None:
+    touches = np.ones(1, dtype=bool)  # whose reference sinks on, below the ground
+    for error, lasts, touching in (
+        ([0.2, 0.0], True, None),
+        ([0.0, -0.3], True, ~touches),
+        ([0.05, 0.1], False, None),
+        ([0.2, -0.3], False, touches),
+    ):
+        doubt = Doubt(FLIGHT, BOUNDS, 1)
+        doubt.look(1.0, np.ones(1, dtype=bool), np.full(1, 1.0), np.zeros((1, 2)))
+        for now in np.arange(1.0, 6.0, 0.02):
+            doubt.hold(now, np.array([[9.0, 9.0, error[0], 9.0, 9.0, error[1]]]), touching)
+        assert doubt.of(6.0)[0, 1] == lasts
+        doubt.hold(9.0, np.ones((1, 6)))
+        assert not doubt.of(9.0).any(), "none begins so"
+
+
+def test_who_was_flown_softly_within_a_minute_lands_softly() -> None:
+    doubt = Doubt(FLIGHT, BOUNDS, 3)
+    doubt.look(1.0, np.array([True, True, False]), np.ones(3), np.zeros((3, 2)))
+    doubt.land(50.0, np.array([True, False, True]))
+    assert doubt.any
+    assert doubt.of(50.1).tolist() == [[False, True], [False, False], [False, False]]
+    doubt.land(200.0, np.ones(3, dtype=bool))
+    assert not doubt.of(200.1).any()
 
 
 def test_who_has_left_the_ground_and_is_not_where_it_is_expected_is_doubted_for_longer_and_not_for_ever() -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.falsification.faults.criteria import Bounds, End
-from flatsat_ros.falsification.faults.fault import ALL, EARLY, ONE, Action, Fault, commands, end, poses
+from flatsat_ros.falsification.faults.fault import ALL, EARLY, ONE, Action, Fault, commands, end, from_the_start, poses
 from flatsat_ros.falsification.faults.phases import Phase
 from flatsat_ros.falsification.faults.scene import Scene
 from flatsat_ros.sim import faults
@@ -183,6 +183,15 @@ VEHICLE_FAULTS = (
             (0.2, Bounds(End.SAFE, distance=0.25, speed=1.0)),
             (0.3, Bounds(End.SAFE)),
         )
+    ),
+    *(
+        from_the_start(
+            f"commands_late_{late:g}s",
+            f"commands arrive {late:g} s late",
+            commands(lambda _, late=late: faults.commands_delayed(late, *ALL)),  # type: ignore[misc]
+            Bounds(End.DOWN, distance=distance),
+        )
+        for late, distance in ((0.1, 0.5), (0.2, 0.5), (0.3, 1.0))
     ),
     Fault(
         "pitch_negated",
