@@ -179,8 +179,12 @@ class LiftOffDetector:
         np.maximum(climb, 0.0, out=climb)
         climb *= waiting
         rise += elapsed * climb
-        self._held_since = np.where(waiting & (upward >= _CLIMB), np.minimum(self._held_since, now), np.inf)
-        held = now - self._held_since >= self._patience
+        held = climbing = waiting & (upward >= _CLIMB)
+        if any_of(climbing):
+            self._held_since = np.where(climbing, np.minimum(self._held_since, now), np.inf)
+            held = now - self._held_since >= self._patience
+        else:
+            self._held_since[:] = np.inf
         strong = gained >= (self._enough - 1.0) * gravity
         if not any_of(strong):
             self._enough_since[:] = np.inf

@@ -106,12 +106,14 @@ class Doubt:
         sideways, ended = innovation[:, 0], self._until[:, 1]
         swing = self._swing(now, np.where(flying & (now >= self._rested), innovation[:, 1], 0.0))
         beyond = (sideways > self._strange[0]) | (swing > self._strange[1])
-        if any_of(beyond):
-            beyond &= (sideways > self._strange[0]) | (swing > _CLIMBING * self._strange[1]) | (now >= self._lifted)
         waits = now < np.minimum(self._until[:, 0], self._lifted + _WAITED)
         longer = flying & waits & (sideways > self._expected)
         self._until[longer, 0] = np.maximum(self._until[longer, 0], now + _CALM)
         strange = flying & ((age > _OLD) | beyond)
+        if not any_of(strange):
+            return
+        early = (now < self._lifted) & (sideways <= self._strange[0]) & (swing <= _CLIMBING * self._strange[1])
+        strange &= ~early | (age > _OLD)
         if not any_of(strange):
             return
         new = strange & (now >= ended)

@@ -68,7 +68,7 @@ class ExchangeDetector:
         self,
         push: FloatArray,
         newest: FloatArray,
-        measured: FloatArray,
+        height: FloatArray,
         disturbance: FloatArray,
         free: np.ndarray,
         grounded: np.ndarray,
@@ -77,15 +77,15 @@ class ExchangeDetector:
 
         Args:
             push: (N,) commanded change of the climb rate since the last look, m/s.
-            newest: (N,) stamps of the newest poses, s.
-            measured: (N, 3) positions measured then, m.
+            newest: (N,) stamps of the newest poses, s; nobody changes them later.
+            height: (N,) measured then, m; likewise.
             disturbance: (N,) estimated, vertical, m/s^2.
             free: (N,) who is steered in the air, and does not land.
             grounded: (N,) who is steered, and not seen in the air.
         """
         if self._count == 1:
             return []
-        self._seen.append((newest.copy(), measured[:, 2].copy()))
+        self._seen.append((newest, height))
         self._commanded.append(self._commanded[-1] + push)
         disturbed = free & (np.abs(disturbance) > _DISTURBED)
         if not any_of(disturbed) or len(self._commanded) < (self._commanded.maxlen or 0):

@@ -8,6 +8,7 @@ its downward acceleration, as its poses show it: only a fall is faster than all 
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import numpy as np
 
@@ -40,20 +41,19 @@ class FallDetector:
         """
         self._since = np.full(count, np.inf)
         self._place = np.full((count, 3), np.nan)  # where it has been lying since
-        # of each call, newest last: upward acceleration commanded, m/s^2; stamp of the newest pose, s; its height, m
-        self._past = np.zeros((3, math.ceil((_LATEST + 2.0 * _APART) / period) + 1, count))
-        self._past[1] = -np.inf
+        # of each call, newest last: upward accelerations commanded, m/s^2; stamps of the newest poses, s; heights, m
+        calls = math.ceil((_LATEST + 2.0 * _APART) / period) + 1
+        self._past: deque[tuple[FloatArray, FloatArray, FloatArray]] = deque(maxlen=calls)
 
     def note(self, upward: FloatArray, stamps: FloatArray, height: FloatArray) -> None:
-        """Note what is commanded and seen.
+        """Note what is commanded and seen, in arrays that nobody changes later.
 
         Args:
             upward: (N,) vertical acceleration that is commanded, m/s^2.
             stamps: (N,) of the newest poses, s.
             height: (N,) measured then, m.
         """
-        self._past[:, :-1] = self._past[:, 1:]
-        self._past[:, -1] = upward, stamps, height
+        self._past.append((upward, stamps, height))
 
     def fell(
         self, now: float, state: FloatArray, disturbance: FloatArray, upward: FloatArray, height: FloatArray
@@ -85,7 +85,9 @@ class FallDetector:
 
     def _drops(self, index: int) -> bool:
         """Tell whether drone index is seen to accelerate downward by more than any command of late explains."""
-        commanded, stamps, heights = self._past[:, :, index]
+        if not self._past:
+            return False
+        commanded, stamps, heights = np.array([[float(each[index]) for each in call] for call in self._past]).T
         last = len(stamps) - 1
         middle = int(np.searchsorted(stamps, stamps[last] - _APART, side="right")) - 1
         first = int(np.searchsorted(stamps, stamps[middle] - _APART, side="right")) - 1
@@ -98,4 +100,4 @@ class FallDetector:
     def set_clock_back(self, now: float) -> None:
         """Let nothing last longer because the clock was set back to now, s."""
         self._since = np.where(np.isfinite(self._since), np.minimum(self._since, now), np.inf)
-        self._past[1] = -np.inf
+        self._past.clear()

@@ -223,8 +223,6 @@ class Senses:
         self._ticks += 1
         if self._ticks % self._every:
             return np.asarray(self._free & flying)
-        if newest is not None and measured is not None:
-            self._fall.note(acceleration[:, 2], newest, measured[:, 2])
         disturbance = estimated[:, 6:]
         standing = self._lift_off.standing
         high = flying & (estimated[:, 2] >= self._low)
@@ -249,8 +247,10 @@ class Senses:
         judged = (flying & ~self.grounded) | self.braking.active
         seen = None if newest is None or measured is None else (newest, measured)
         if seen is not None:
+            stamps, height = seen[0].copy(), seen[1][:, 2].copy()
+            self._fall.note(acceleration[:, 2], stamps, height)
             upward, low = disturbance[:, 2], flying & ~free
-            for index in self._exchange.look(self._push[:, 2], *seen, upward, free & ~landing, low):
+            for index in self._exchange.look(self._push[:, 2], stamps, height, upward, free & ~landing, low):
                 self._reports.append((index, _EXCHANGED))
                 self._gone_astray[index] = True
         velocity, told = estimated[:, 3:5], self._gone_astray

@@ -142,7 +142,7 @@ def looks(follows: list[int], pushes: np.ndarray) -> set[int]:
     places, speed, found = np.zeros((count, 3)), np.zeros(count), set[int]()
     for look, push in enumerate(pushes):
         newest = np.full(count, PERIOD * look)
-        found.update(detector.look(push, newest, places, np.ones(count), everybody, nobody))
+        found.update(detector.look(push, newest, places[:, 2].copy(), np.ones(count), everybody, nobody))
         places[:, 2] += PERIOD * (speed[follows] + push[follows] / 2.0)
         speed = speed + push
     return found
