@@ -21,7 +21,7 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, load_certificate
 from flatsat_ros.planning import Mission, Wishes, improvement, read_mission, rounds, search
-from flatsat_ros.planning.penalties import Charge
+from flatsat_ros.planning.penalties import Penalty
 from flatsat_ros.plans import Curve
 from flatsat_ros.plans.curve import DEGREE, UNIT
 
@@ -37,13 +37,13 @@ def bound_axes(speed: float) -> None:
     """Let searches and proofs of this process bound the speed along each axis, m/s, instead of by the norm."""
     shorten, broken_limit = search.shorten, improvement.broken_limit
 
-    def shorten_axes(vectors: FloatArray, room: float, slopes: FloatArray, spans: list[int]) -> Charge:
+    def shorten_axes(vectors: FloatArray, room: float, slopes: FloatArray, spans: list[int]) -> Penalty:
         if len(vectors) != DEGREE * spans[0]:  # no velocities
             return shorten(vectors, room, slopes)
         sizes = np.abs(vectors) * _DIAGONAL
         beyond = np.maximum(sizes - (1.0 - room), 0.0)
         slopes[:] = 2.0 * _DIAGONAL * beyond * np.sign(vectors)
-        return Charge(float((beyond * beyond).sum()), float(beyond.max()) / room)
+        return Penalty(float((beyond * beyond).sum()), float(beyond.max()) / room)
 
     def broken(mission: Mission, curves: tuple[Curve, ...]) -> str | None:
         most = axis_speed(curves)

@@ -31,11 +31,11 @@ from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile, load_vehicle
 from flatsat_ros.demo.scenario import PAPER_WAYPOINTS, gentle_swap
 from flatsat_ros.identification.disturbances import shared
 from flatsat_ros.identification.fit import excited, fit
-from flatsat_ros.identification.identified import NAMES, Identified, estimate, figures_of, identify, telling
+from flatsat_ros.identification.identified import NAMES, Identified, estimate, identify, profile_figures, telling
 from flatsat_ros.identification.log import read_log
 from flatsat_ros.identification.prediction import ahead
 from flatsat_ros.identification.recording import read_csv
-from flatsat_ros.identification.residuals import Flight
+from flatsat_ros.identification.residuals import ComparedFlight
 from flatsat_ros.identification.response import Figures
 from flatsat_ros.identification.screening import STEP, Samples, position_noise, screen
 from flatsat_ros.identification.surroundings import surroundings
@@ -105,12 +105,12 @@ def starts(samples: Samples) -> np.ndarray:
     return at[at > begin]
 
 
-def calibrated(samples: Samples) -> Flight | None:
+def calibrated(samples: Samples) -> ComparedFlight | None:
     """Return the first CALIBRATION seconds of a flight, None if too little of them can be used."""
     end = np.flatnonzero(samples.usable)[0] + round(CALIBRATION / STEP)
     good = samples.poses_good.copy()
     good[end:] = False
-    flight = Flight.of(dataclasses.replace(samples, poses_good=good))
+    flight = ComparedFlight.of(dataclasses.replace(samples, poses_good=good))
     return flight if len(flight.position_at) >= 20 else None
 
 
@@ -175,7 +175,7 @@ def prediction(flights: Sequence[tuple[Samples, Figures]], base: VehicleProfile)
         if len(at) == 0 or calibrated(samples) is None:
             print(f"  {samples.name}: too short after the calibration")
     judged = [each for each in judged if len(each[2]) and calibrated(each[0]) is not None]
-    shipped = dataclasses.replace(figures_of(base), delay=0.03)
+    shipped = dataclasses.replace(profile_figures(base), delay=0.03)
     guesses: dict[str, list[FloatArray]] = {"constant velocity": [], "constant acceleration": []}
     for samples, _, at in judged:
         (place, velocity, acceleration), time = state(samples), AHEAD * STEP
@@ -217,7 +217,7 @@ def coverage(known: Identified, others: Sequence[Samples], base: VehicleProfile)
     beside: dict[str, list[float]] = {each.name: [] for each in around}
     values: dict[str, list[float]] = {name: [] for name in NAMES}
     for samples in others:
-        flight = Flight.of(samples)
+        flight = ComparedFlight.of(samples)
         try:
             alone = fit([flight], known.common.figures, excited([flight]), starts=1)
         except FlatsatError as error:
@@ -298,7 +298,7 @@ def packaged(flights: Sequence[Samples]) -> bool:
         print(f"  not checked: the folder lacks {', '.join(lacking)}")
         return True
     now = identify([made[name] for name in PACKAGED], dataclasses.replace(load_vehicle("cf21"), mass=profile.mass))
-    good, then = True, {name: getattr(figures_of(profile), name, None) for name in NAMES}
+    good, then = True, {name: getattr(profile_figures(profile), name, None) for name in NAMES}
     then |= {"thrust_available": profile.thrust_max, "lag_and_delay": math.nan}  # that with link and clocks
     for name in NAMES:
         interval, figure = getattr(profile.intervals, name), now.figures[name]

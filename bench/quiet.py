@@ -31,7 +31,7 @@ import numpy as np
 from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, Certificate, load_certificate
 from flatsat_ros.certificate.flight import Axis
 from flatsat_ros.certificate.flight_plant import Design, Plant
-from flatsat_ros.certificate.flight_tube import Tube
+from flatsat_ros.certificate.flight_tube import AxisTube
 from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
 from flatsat_ros.demo.scenario import LEG_TIME, MU, PAPER_WAYPOINTS
 from flatsat_ros.flight.modes import Mode
@@ -57,7 +57,7 @@ _NOISE = 5e-4  # m
 _CLIMB, _SETTLE, _LOOK = 8.0, 10.0, 4.0  # s
 _LEAST_THRUST = 1.05  # g: a drone with markers makes 1.0 to 1.1
 SOFT_CERTIFICATE = "cf21_soft_50hz"
-_ANY = Tube(100.0, 100.0, 100.0, 100.0)  # nothing is claimed
+_ANY = AxisTube(100.0, 100.0, 100.0, 100.0)  # nothing is claimed
 _SOFT, _SOFT_OBSERVER, _SOFT_LAG = (9.4, 3.2), (0.056, 0.121), 0.037  # K, densities of the observer, s
 
 

@@ -18,10 +18,10 @@ from typing import NamedTuple
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight_cell import PlantBox
 from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_tube import Assumptions
-from flatsat_ros.synthesis.flight_cover import corner_tube, corners, cover
+from flatsat_ros.synthesis.flight_cover import corner_tube, cover, extreme_boxes
 from flatsat_ros.synthesis.flight_search import command_noise
 
 _PERIOD = 0.02  # s
@@ -47,7 +47,7 @@ class Row(NamedTuple):
         excess: of a cell's tube over that of the worst corner, aimed at.
     """
 
-    box: Box
+    box: PlantBox
     design: Design
     gain_max: float
     assumptions: Assumptions
@@ -57,28 +57,28 @@ class Row(NamedTuple):
     excess: float = 0.1
 
     @property
-    def relative(self) -> Box:
+    def relative(self) -> PlantBox:
         """The plants with gains over the nominal one, as the controller meets them."""
-        return Box(*(replace(plant, gain=plant.gain / self.nominal) for plant in (self.box.low, self.box.high)))
+        return PlantBox(*(replace(plant, gain=plant.gain / self.nominal) for plant in (self.box.low, self.box.high)))
 
     @property
     def command_noise(self) -> float:
         """Noise of the commanded tilt, or what that is in thrust, at the worst corner and a gain of 1, degrees."""
-        plants = [corner.low for corner in corners(self.relative, self.lag_varies)]
+        plants = [corner.low for corner in extreme_boxes(self.relative, self.lag_varies)]
         return max(command_noise(self.design, plant, _NOISE) for plant in plants) / self.nominal
 
 
-def _first(gain: tuple[float, float] = (1.0, 1.0)) -> Box:
+def _first(gain: tuple[float, float] = (1.0, 1.0)) -> PlantBox:
     """Return the plants of a `cf21` whose lag and delay are known to 20 %."""
-    return Box(Plant(0.024, 0.1124, gain=gain[0]), Plant(0.036, 0.1686, gain=gain[1]))
+    return PlantBox(Plant(0.024, 0.1124, gain=gain[0]), Plant(0.036, 0.1686, gain=gain[1]))
 
 
-def _second(frequency: tuple[float, float], damping: tuple[float, float], gain: tuple[float, float]) -> Box:
+def _second(frequency: tuple[float, float], damping: tuple[float, float], gain: tuple[float, float]) -> PlantBox:
     """Return the plants of an identified drone with 30 to 50 ms of delay."""
     low, high = (
         Plant(delay, 0.0, frequency[i], damping[i], gain[i], _TILT, _DRAG) for i, delay in enumerate((0.03, 0.05))
     )
-    return Box(low, high)
+    return PlantBox(low, high)
 
 
 def _lagging(delay: float, lag: float, observer: tuple[float, float, float], stiffness: float, rate: float) -> Design:
@@ -95,7 +95,7 @@ def _attitude(
 
 
 # the vertical axis: thrust to 3 %, its lag between that of falling and of rising
-_UPRIGHT = Box(Plant(0.03, 0.107, gain=0.97), Plant(0.03, 0.137, gain=1.03))
+_UPRIGHT = PlantBox(Plant(0.03, 0.107, gain=0.97), Plant(0.03, 0.137, gain=1.03))
 _NARROW = _second((12.5, 18.0), (0.44, 0.60), (0.68, 0.82))
 _WIDE = _second((12.0, 20.0), (0.42, 0.62), (0.66, 0.86))
 ROWS = {

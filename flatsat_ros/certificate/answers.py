@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.enclosures import TINY, UP, Enclosure, joined, rounding
 from flatsat_ros.certificate.modes import inverse, modes_of
-from flatsat_ros.certificate.running_sums import Products, Running, implied, over, side_by_side
+from flatsat_ros.certificate.running_sums import Products, Running, columns_by_time, implied, over
 
 # Periods that are summed in one go: two to the power of this.
 _DOUBLINGS = 4
@@ -139,7 +139,7 @@ class _Sums:
             turned = joined(turned, slope @ moved[:, None] + power[:, None] @ turned)
             moved, others = joined(moved, power @ moved), joined(others, power @ others)
             power, slope = power @ power, slope @ power[:, None] + power[:, None] @ slope
-        self.moved, self.others, self.turned = (side_by_side(part, _CHUNK) for part in (moved, others, turned))
+        self.moved, self.others, self.turned = (columns_by_time(part, _CHUNK) for part in (moved, others, turned))
         self.power, self.slope, self.signals = power, slope, signals
         # combinations of a term's own value and its derivatives
         self.shares = np.concatenate([np.ones((*vertices.shape[:2], 1)), vertices], axis=2)

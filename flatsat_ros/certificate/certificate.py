@@ -20,7 +20,7 @@ from flatsat_ros.base.resources import config_path
 from flatsat_ros.base.strict_yaml import read_yaml, write_yaml
 from flatsat_ros.certificate import flight as flight_section
 from flatsat_ros.certificate import form
-from flatsat_ros.certificate.flight import Flight
+from flatsat_ros.certificate.flight import FlightSection
 from flatsat_ros.certificate.form import symmetric_matrix
 from flatsat_ros.certificate.inequalities import ideal_margins
 from flatsat_ros.certificate.lyapunov import feedback_slope
@@ -84,7 +84,7 @@ class Certificate:
     loop: FloatArray | None = None
     loop_vertical: FloatArray | None = None
     robust: Robust | None = None
-    flight: Flight | None = None
+    flight: FlightSection | None = None
 
     def __post_init__(self) -> None:
         units = {"rate": "1/s", "ball": "m^2/s^4", "level": "", "period": "s", "gain_min": "", "gain_max": ""}
@@ -105,7 +105,7 @@ class Certificate:
         if self.flight is not None:
             self._require_the_loop_of(self.flight)
 
-    def _require_the_loop_of(self, flight: Flight) -> None:
+    def _require_the_loop_of(self, flight: FlightSection) -> None:
         """Refuse a flight section whose law or period is another one."""
         if not self.timing.immediate:
             raise FlatsatError("lag, delay: must be 0 with a flight section, whose predictor takes care of them")

@@ -126,7 +126,7 @@ def upper(value: Fraction) -> float:
     return float(value) * UP + TINY
 
 
-def growth(exponent: Fraction) -> float:
+def exponential_above(exponent: Fraction) -> float:
     """Return a float that is hardly above e^x and not below it."""
     context = Context(prec=30)
     power = context.exp(context.divide(Decimal(exponent.numerator), Decimal(exponent.denominator)))
@@ -165,10 +165,10 @@ def concatenate(parts: Sequence[Numbers], axis: int) -> Numbers:
     whole = [enclosed(part) for part in parts]
     lead = np.broadcast_shapes(*(part.shape[:-2] for part in whole))
 
-    def joined(arrays: list[FloatArray]) -> FloatArray:
+    def broadcast(arrays: list[FloatArray]) -> FloatArray:
         return np.concatenate([np.broadcast_to(part, lead + part.shape[-2:]) for part in arrays], axis=axis)
 
-    return Enclosure(joined([part.mid for part in whole]), joined([part.rad for part in whole]))
+    return Enclosure(broadcast([part.mid for part in whole]), broadcast([part.rad for part in whole]))
 
 
 def joined(*parts: Enclosure) -> Enclosure:

@@ -19,10 +19,10 @@ from flatsat_ros.base.errors import refusal, require, require_fields, require_no
 from flatsat_ros.base.strict_yaml import section
 from flatsat_ros.certificate.enclosures import UP, decimal, sine
 from flatsat_ros.certificate.exact import spare
-from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight_cell import PlantBox
 from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_return import Return, box_claims
-from flatsat_ros.certificate.flight_tube import Assumptions, Tube, box_tube
+from flatsat_ros.certificate.flight_tube import Assumptions, AxisTube, box_tube
 from flatsat_ros.law.input_set import InputSet
 
 # How a cell is written among the cuts of a box.
@@ -65,18 +65,18 @@ class Axis:
         back: the claim of how starts outside return into it.
     """
 
-    box: Box
+    box: PlantBox
     lag_varies: bool
     design: Design
     cuts: tuple[str, ...]
-    tube: Tube
+    tube: AxisTube
     back: Return
 
-    def proved(self, gain_min: float, gain_max: float, assumptions: Assumptions) -> Tube:
+    def proved(self, gain_min: float, gain_max: float, assumptions: Assumptions) -> AxisTube:
         """Return the tube that is proved by computation, whatever is claimed."""
         return _box_tube(self.design, self.box, self.cuts, gain_min, gain_max, assumptions, self.lag_varies)
 
-    def claims(self, gain_min: float, gain_max: float, assumptions: Assumptions) -> tuple[Tube, Return]:
+    def claims(self, gain_min: float, gain_max: float, assumptions: Assumptions) -> tuple[AxisTube, Return]:
         """Return the tube, and the way back at the rate that is claimed, that are proved by computation."""
         rate, varies = self.back.rate, self.lag_varies
         return _box_claims(self.design, self.box, self.cuts, gain_min, gain_max, rate, assumptions, varies)
@@ -97,17 +97,17 @@ class Axis:
         if not isinstance(values["observer"], list):
             raise refusal(f"flight.{name}.observer", values["observer"], "", "a list of three gains")
         claims = {}
-        for key, kind in (("tube", Tube), ("back", Return)):
+        for key, kind in (("tube", AxisTube), ("back", Return)):
             claims[key] = section(f"flight.{name}.{key}", values[key], tuple(f.name for f in fields(kind)))
             for claim, value in claims[key].items():
                 require_positive(f"flight.{name}.{key}.{claim}", value, "")
         figures = {key: values[key] for key in _CONTROLLER} | {"observer": tuple(values["observer"])}
         return cls(
-            box=Box(plants["low"], plants["high"]),
+            box=PlantBox(plants["low"], plants["high"]),
             lag_varies=values["lag_varies"],
             design=Design(period=period, model=plants["model"], **figures),
             cuts=tuple("" if cut == _CELL else cut for cut in values["cuts"].split()),
-            tube=Tube(**claims["tube"]),
+            tube=AxisTube(**claims["tube"]),
             back=Return(**claims["back"]),
         )
 
@@ -135,7 +135,7 @@ class Taken(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Flight:
+class FlightSection:
     """What is proved about the loop that flies.
 
     Attributes:
@@ -286,7 +286,7 @@ class Flight:
         return margins
 
     @classmethod
-    def from_document(cls, document: object, period: float) -> Flight:
+    def from_document(cls, document: object, period: float) -> FlightSection:
         """Build the section from the parsed YAML, refusing whatever is not exactly its form."""
         values = section("flight", document, (*_FIGURES, "assumptions", *_AXES))
         known = section("flight.assumptions", values["assumptions"], tuple(f.name for f in fields(Assumptions)))

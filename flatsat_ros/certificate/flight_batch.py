@@ -24,16 +24,16 @@ from flatsat_ros.certificate.enclosures import (
     exponential,
     upper,
 )
-from flatsat_ros.certificate.flight_cell import Box, Cell
-from flatsat_ros.certificate.flight_loop import Loop
-from flatsat_ros.certificate.flight_plant import Design, Dynamics, Pieces, Timing
+from flatsat_ros.certificate.flight_cell import Cell, PlantBox
+from flatsat_ros.certificate.flight_loop import DesignedLoop
+from flatsat_ros.certificate.flight_plant import CommandTiming, Design, Pieces, PlantEquation
 
 # Nodes of each stretch of constant command at which signals are bounded; between them by their slope.
 _NODES = 2
 
 
 def side_by_side(
-    design: Design, boxes: Sequence[Box], pose_age: Fraction, coarse: bool = False
+    design: Design, boxes: Sequence[PlantBox], pose_age: Fraction, coarse: bool = False
 ) -> list[tuple[list[int], Cells]]:
     """Return boxes as cells, those that are alike together, each with their places among the boxes.
 
@@ -50,7 +50,7 @@ def side_by_side(
     return [(places, Cells(design, [cells[i] for i in places], pose_age, coarse)) for places in kinds.values()]
 
 
-class Loops(Loop):
+class Loops(DesignedLoop):
     """A design on the middles of cells that are alike, enclosed; what depends on the cell has their number B in front.
 
     Attributes:
@@ -62,18 +62,18 @@ class Loops(Loop):
     def __init__(self, design: Design, cells: Sequence[Cell], pose_age: Fraction) -> None:
         self.design = design
         self.period, self.pose_age = decimal(design.period), pose_age
-        timings = [Timing.of(design, cell.delay, pose_age) for cell in cells]
+        timings = [CommandTiming.of(design, cell.delay, pose_age) for cell in cells]
         parameters = enclosed_fractions([cell.parameters for cell in cells])
         drag = enclosed_fractions([cell.drag for cell in cells])
-        self._body = Dynamics([parameters[:, i] for i in range(parameters.shape[1])], drag)
+        self._body = PlantEquation([parameters[:, i] for i in range(parameters.shape[1])], drag)
         model = design.model
-        self._believed = Dynamics([enclosed(q) for q in model.parameters], enclosed(decimal(model.drag)))
+        self._believed = PlantEquation([enclosed(q) for q in model.parameters], enclosed(decimal(model.drag)))
         gains = [cell.parameters[1] / cell.parameters[0] for cell in cells]
         self._gain = enclosed_fractions(gains)[:, None, None]
         self._share = enclosed_fractions([1 / gain for gain in gains])[:, None]
         first = timings[0]
 
-        self._timing = Timing(
+        self._timing = CommandTiming(
             plant=_together([timing.plant for timing in timings]),
             model=first.model,
             plant_young=_together([timing.plant_young for timing in timings]),
@@ -83,12 +83,12 @@ class Loops(Loop):
         )
 
     @property
-    def body(self) -> Dynamics:
+    def body(self) -> PlantEquation:
         """The equations of the plants."""
         return self._body
 
     @property
-    def believed(self) -> Dynamics:
+    def believed(self) -> PlantEquation:
         """The equation of the nominal plant."""
         return self._believed
 
@@ -103,7 +103,7 @@ class Loops(Loop):
         return self._share
 
     @property
-    def timing(self) -> Timing[list[Fraction]]:
+    def timing(self) -> CommandTiming[list[Fraction]]:
         """Which commands act when; of the plants one time per cell."""
         return self._timing
 
@@ -195,7 +195,7 @@ class Cells:
     @cached_property
     def growth(self) -> FloatArray:
         """(B, x, x) e^(|A| h): bounds what a state does within a period."""
-        return growth(self.loop.body, self.period)
+        return exponential_norm(self.loop.body, self.period)
 
     @cached_property
     def derivatives(self) -> Enclosure:
@@ -272,6 +272,6 @@ class Cells:
         return enclosed(concatenate([now, before[..., 1:2, :] - before[..., start + 1 : start + 2, :]], -2))
 
 
-def growth(dynamics: Dynamics, time: float) -> FloatArray:
+def exponential_norm(dynamics: PlantEquation, time: float) -> FloatArray:
     """Return a bound of e^(|A| t)."""
     return np.asarray(enclosed(exponential(Enclosure(enclosed(dynamics.system[0]).size) * time)).size)

@@ -10,7 +10,7 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.answers import answers
 from flatsat_ros.certificate.enclosures import UP, Enclosure, concatenate, decimal, enclosed, upper
-from flatsat_ros.certificate.flight_batch import Cells, growth
+from flatsat_ros.certificate.flight_batch import Cells, exponential_norm
 
 # Pieces of a period over which the effect of inputs that vary within it is interpolated.
 _PIECES = 2
@@ -45,7 +45,7 @@ class Drives:
     other_age: float
 
 
-class Bounds:
+class CellBounds:
     """The sums of cells, and what follows from them; all numbers are bounds, and of operations that only add to them.
 
     Columns of inputs are named parts: those that are followed to first order, then those that are not. Rows of signals:
@@ -76,7 +76,7 @@ class Bounds:
         self._reach = self._on_state @ cells.growth
         believed = cells.loop.believed
         self._model = enclosed(believed.system[0]).size, enclosed(believed.system[1]).size
-        self._model_growth = growth(believed, cells.period)
+        self._model_growth = exponential_norm(believed, cells.period)
         self.pose_age = upper(cells.loop.pose_age)
         # distances that are what they are for all of a flight: to these the answer is known to first order
         self._vertices = cells.steady if lag_varies else cells.vertices
@@ -161,7 +161,7 @@ class Bounds:
         self._direct = enclosed(others[..., size]).size
         self._take(0)
 
-    def growing(self) -> Bounds:
+    def growing(self) -> CellBounds:
         """Return the bounds of signals that are multiplied by a factor more in every period than in the one before."""
         other = copy.copy(self)
         other._take(1)

@@ -23,11 +23,11 @@ from functools import cached_property
 
 from flatsat_ros.base.errors import require
 from flatsat_ros.certificate.enclosures import decimal
-from flatsat_ros.certificate.flight_plant import Design, Plant, Timing
+from flatsat_ros.certificate.flight_plant import CommandTiming, Design, Plant
 
 
 @dataclass(frozen=True)
-class Box:
+class PlantBox:
     """All plants between two, figure by figure.
 
     Attributes:
@@ -62,7 +62,7 @@ class Box:
         changing = ("lag", "frequency", "damping") if lag_varies else ()
         return tuple(name for name in self.spread if name not in changing)
 
-    def halves(self, name: str, period: float) -> tuple[Box, Box]:
+    def halves(self, name: str, period: float) -> tuple[PlantBox, PlantBox]:
         """Cut the box in two across one figure; a delay is cut at a whole period if there is one inside.
 
         Args:
@@ -73,7 +73,9 @@ class Box:
         middle = (low + high) / 2.0
         if name == "delay" and not self.within_periods(period):
             middle = float((math.floor(decimal(low) / decimal(period)) + 1) * decimal(period))
-        return Box(self.low, replace(self.high, **{name: middle})), Box(replace(self.low, **{name: middle}), self.high)
+        return PlantBox(self.low, replace(self.high, **{name: middle})), PlantBox(
+            replace(self.low, **{name: middle}), self.high
+        )
 
     def within_periods(self, period: float) -> bool:
         """Whether no whole period lies inside the interval of the delay."""
@@ -104,7 +106,7 @@ class Cell:
         drag_error: largest |drag - drag^|, 1/s.
     """
 
-    def __init__(self, box: Box) -> None:
+    def __init__(self, box: PlantBox) -> None:
         self.box = box
         low, high = box.low, box.high
         second = low.frequency > 0.0
@@ -153,7 +155,7 @@ class Cell:
 
     def kind(self, design: Design, pose_age: Fraction) -> object:
         """Return what is the same for cells that can be computed side by side."""
-        timing = Timing.of(design, self.delay, pose_age)
+        timing = CommandTiming.of(design, self.delay, pose_age)
         acting = [tuple(index for index, _ in part) for part in (timing.plant, timing.plant_young)]
         counts = len(self.vertices), len(self.directions), len(self._errors), len(self._delays)
         return len(self.parameters), *counts, timing.depth, *acting

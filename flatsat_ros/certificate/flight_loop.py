@@ -39,13 +39,13 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import require, require_not_negative
 from flatsat_ros.certificate.enclosures import Numbers, concatenate, decimal, filled
-from flatsat_ros.certificate.flight_plant import Design, Dynamics, Pieces, Plant, Timing
+from flatsat_ros.certificate.flight_plant import CommandTiming, Design, Pieces, Plant, PlantEquation
 
 # Commands under way; more make loops that no design is for.
 _DEPTH = 40
 
 
-def require_short(delays: Iterable[float], period: float) -> None:
+def require_few_under_way(delays: Iterable[float], period: float) -> None:
     """Require that delays, s, are at most as many periods, s, as there may be commands under way.
 
     Raises:
@@ -56,7 +56,7 @@ def require_short(delays: Iterable[float], period: float) -> None:
         require(delay <= most, "delay", delay, "s", f"at most {most:.6g} s, {_DEPTH} periods")
 
 
-class Loop(ABC):
+class DesignedLoop(ABC):
     """A design on a plant or, with enclosures for figures, on a batch of plants that differ in figures alone.
 
     Attributes:
@@ -70,12 +70,12 @@ class Loop(ABC):
 
     @property
     @abstractmethod
-    def body(self) -> Dynamics:
+    def body(self) -> PlantEquation:
         """The equation of the plant."""
 
     @property
     @abstractmethod
-    def believed(self) -> Dynamics:
+    def believed(self) -> PlantEquation:
         """The equation of the nominal plant."""
 
     @property
@@ -85,7 +85,7 @@ class Loop(ABC):
 
     @property
     @abstractmethod
-    def timing(self) -> Timing[Any]:
+    def timing(self) -> CommandTiming[Any]:
         """Which commands act when; times are figures by `figure`."""
 
     @abstractmethod
@@ -116,7 +116,7 @@ class Loop(ABC):
         return rows
 
     def driven(
-        self, dynamics: Dynamics, gain: Numbers, begin: int, acting: Pieces[Any], error: bool = False
+        self, dynamics: PlantEquation, gain: Numbers, begin: int, acting: Pieces[Any], error: bool = False
     ) -> Numbers:
         """Return rows (..., x, n + 1) of a plant's state, which is in z from `begin` on, after commands have acted.
 
@@ -260,7 +260,7 @@ class Loop(ABC):
         column[self._error :] = 1.0
         return self.corrected(column)[..., 0]
 
-    def unit_inputs(self, body: Dynamics) -> Numbers:
+    def unit_inputs(self, body: PlantEquation) -> Numbers:
         """Columns (n, x) of units of the state before the tick, of the plant or the nominal one: body or believed."""
         begin = 0 if body is self.body else self.body.size
         return self.corrected(np.eye(self.size)[:, begin : begin + body.size])
@@ -276,7 +276,7 @@ class Loop(ABC):
 
 
 @dataclass(frozen=True)
-class FlightLoop(Loop):
+class FlightLoop(DesignedLoop):
     """A design on a plant that is known exactly, in floating point.
 
     Attributes:
@@ -297,15 +297,15 @@ class FlightLoop(Loop):
         require_not_negative("pose_age", self.pose_age, "s")
         period = self.design.period
         require(self.pose_age <= period, "pose_age", self.pose_age, "s", f"at most the period, {period:g} s")
-        require_short((self.plant.delay, self.design.model.delay), period)
+        require_few_under_way((self.plant.delay, self.design.model.delay), period)
 
     @property
-    def body(self) -> Dynamics:
+    def body(self) -> PlantEquation:
         """The equation of the plant."""
         return self.plant.dynamics
 
     @property
-    def believed(self) -> Dynamics:
+    def believed(self) -> PlantEquation:
         """The equation of the nominal plant."""
         return self.design.model.dynamics
 
@@ -320,9 +320,9 @@ class FlightLoop(Loop):
         return 1.0 / self.plant.gain
 
     @cached_property
-    def timing(self) -> Timing[Fraction]:
+    def timing(self) -> CommandTiming[Fraction]:
         """Which commands act when."""
-        return Timing.of(self.design, decimal(self.plant.delay), decimal(self.pose_age))
+        return CommandTiming.of(self.design, decimal(self.plant.delay), decimal(self.pose_age))
 
     def figure(self, value: Numbers) -> float:
         """Return a figure as a float."""

@@ -77,9 +77,9 @@ class Plant:
         return (1 / decimal(self.lag), gain / decimal(self.lag)) if self.lag > 0.0 else ()
 
     @cached_property
-    def dynamics(self) -> Dynamics:
+    def dynamics(self) -> PlantEquation:
         """The equation, in floating point."""
-        return Dynamics([float(q) for q in self.parameters], self.drag)
+        return PlantEquation([float(q) for q in self.parameters], self.drag)
 
     @property
     def system(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -93,7 +93,7 @@ class Plant:
         return phi, drive, push
 
 
-class Dynamics:
+class PlantEquation:
     """The equation of one plant or, with enclosures, of a batch, at a gain of 1.
 
     Attributes:
@@ -207,7 +207,7 @@ def _ahead(delay: Fraction, period: Fraction, horizon: Fraction) -> Pieces[Fract
 
 
 @dataclass(frozen=True)
-class Timing(Generic[Time]):
+class CommandTiming(Generic[Time]):
     """Which commands act when, on a plant and on the nominal one: how many periods old, and for how long, s.
 
     Attributes:
@@ -226,10 +226,10 @@ class Timing(Generic[Time]):
 
     @staticmethod
     @lru_cache(maxsize=1024)  # many cells have the same delay
-    def of(design: Design, delay: Fraction, pose_age: Fraction) -> Timing[Fraction]:
+    def of(design: Design, delay: Fraction, pose_age: Fraction) -> CommandTiming[Fraction]:
         """Return it for a delay of the plant and an age of poses, s."""
         h, nominal = decimal(design.period), decimal(design.model.delay)
-        return Timing(
+        return CommandTiming(
             plant=pieces(delay, h, h),
             model=pieces(nominal, h, h),
             plant_young=pieces(delay, h, h - pose_age),

@@ -14,17 +14,17 @@ from dataclasses import astuple, dataclass, fields
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.certificate.enclosures import UP, decimal, growth
-from flatsat_ros.certificate.flight_bounds import Bounds, Drives
-from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.enclosures import UP, decimal, exponential_above
+from flatsat_ros.certificate.flight_bounds import CellBounds, Drives
+from flatsat_ros.certificate.flight_cell import PlantBox
 from flatsat_ros.certificate.flight_plant import Design
-from flatsat_ros.certificate.flight_tube import Assumptions, Tube, cell_bounds, cells, tubes_of
+from flatsat_ros.certificate.flight_tube import Assumptions, AxisTube, cell_bounds, cells, tubes_of
 
 # What the largest coarse bound is above what it could be, about, and above 1; and the longest period, s, of loops whose
 # coarse bounds take so much less time that they are worth it. What is proved does not depend on either.
 _NEAR, _LONG = 1.03, 0.05
 
-_NO_TUBE = Tube(math.inf, math.inf, math.inf, math.inf)
+_NO_TUBE = AxisTube(math.inf, math.inf, math.inf, math.inf)
 
 
 @dataclass(frozen=True)
@@ -54,14 +54,14 @@ class Return:
 
 def cell_claims(
     design: Design,
-    boxes: Sequence[Box],
+    boxes: Sequence[PlantBox],
     gain_min: float,
     gain_max: float,
     rate: float,
     assumptions: Assumptions,
     lag_varies: bool = False,
     coarse: bool = False,
-) -> list[tuple[Tube, Return]]:
+) -> list[tuple[AxisTube, Return]]:
     """Return tubes and how all plants of each of some boxes return, as one cell each; infinite where not shown.
 
     Args:
@@ -78,8 +78,8 @@ def cell_claims(
         FlatsatError: as `cell_tubes`.
     """
     h, pose_age = decimal(design.period), assumptions.pose_age
-    faster = growth(decimal(rate) * h)
-    later = growth(decimal(rate) * (decimal(pose_age) + h)) * UP  # what a pose sees has decayed less
+    faster = exponential_above(decimal(rate) * h)
+    later = exponential_above(decimal(rate) * (decimal(pose_age) + h)) * UP  # what a pose sees has decayed less
     found = [(_NO_TUBE, Return(rate, math.inf, math.inf, math.inf, math.inf))] * len(boxes)
     for places, bounds in cell_bounds(design, boxes, gain_min, gain_max, pose_age, lag_varies, faster, coarse):
         tubes = tubes_of(bounds, [boxes[place] for place in places], assumptions)
@@ -89,7 +89,7 @@ def cell_claims(
     return found
 
 
-def _returns(bounds: Bounds, rate: float, faster: float, later: float) -> list[Return]:
+def _returns(bounds: CellBounds, rate: float, faster: float, later: float) -> list[Return]:
     """Return how plants return, from bounds of signals that grow.
 
     Args:
@@ -109,14 +109,14 @@ def _returns(bounds: Bounds, rate: float, faster: float, later: float) -> list[R
 
 def box_claims(
     design: Design,
-    box: Box,
+    box: PlantBox,
     cuts: Sequence[str],
     gain_min: float,
     gain_max: float,
     rate: float,
     assumptions: Assumptions,
     lag_varies: bool = False,
-) -> tuple[Tube, Return]:
+) -> tuple[AxisTube, Return]:
     """Return the tube and the way back of all plants of a box that is cut into cells; arguments as of `box_tube`.
 
     Args:
@@ -131,7 +131,7 @@ def box_claims(
     """
     parts = cells(box, cuts, design.period, lag_varies)
 
-    def claims(some: Sequence[Box], coarse: bool) -> FloatArray:
+    def claims(some: Sequence[PlantBox], coarse: bool) -> FloatArray:
         """Return those of some cells, (cells, 8): of the tubes four, and of the ways back four."""
         found = cell_claims(design, some, gain_min, gain_max, rate, assumptions, lag_varies, coarse)
         return np.array([astuple(tube) + astuple(back)[1:] for tube, back in found])
@@ -145,4 +145,4 @@ def box_claims(
         close |= unsure
         largest = bounds[close].max(axis=0)
     whole = bounds.max(axis=0).tolist()
-    return Tube(*whole[:4]), Return(rate, *whole[4:])
+    return AxisTube(*whole[:4]), Return(rate, *whole[4:])

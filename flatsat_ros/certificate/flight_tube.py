@@ -20,9 +20,9 @@ import numpy as np
 from flatsat_ros.base.errors import FlatsatError, refusal, require_fields, require_not_negative
 from flatsat_ros.certificate.enclosures import UP, decimal, upper
 from flatsat_ros.certificate.flight_batch import side_by_side
-from flatsat_ros.certificate.flight_bounds import Bounds, Drives
-from flatsat_ros.certificate.flight_cell import Box
-from flatsat_ros.certificate.flight_loop import require_short
+from flatsat_ros.certificate.flight_bounds import CellBounds, Drives
+from flatsat_ros.certificate.flight_cell import PlantBox
+from flatsat_ros.certificate.flight_loop import require_few_under_way
 from flatsat_ros.certificate.flight_plant import Design, Plant
 
 
@@ -116,7 +116,7 @@ def _leads(low: Plant, high: Plant) -> tuple[Fraction, Fraction]:
 
 
 @dataclass(frozen=True)
-class Tube:
+class AxisTube:
     """Bounds of Euclidean norms over the axes, once the loop has forgotten how it began.
 
     Attributes:
@@ -131,19 +131,19 @@ class Tube:
     nominal: float
     disturbance: float
 
-    def __or__(self, other: Tube) -> Tube:
+    def __or__(self, other: AxisTube) -> AxisTube:
         """Return the larger of each."""
-        return Tube(*(max(getattr(self, f.name), getattr(other, f.name)) for f in fields(Tube)))
+        return AxisTube(*(max(getattr(self, f.name), getattr(other, f.name)) for f in fields(AxisTube)))
 
 
 def cell_tubes(
     design: Design,
-    boxes: Sequence[Box],
+    boxes: Sequence[PlantBox],
     gain_min: float,
     gain_max: float,
     assumptions: Assumptions,
     lag_varies: bool = False,
-) -> list[Tube]:
+) -> list[AxisTube]:
     """Return the tube of all plants of each of some boxes, as one cell each.
 
     Args:
@@ -160,14 +160,14 @@ def cell_tubes(
     Raises:
         FlatsatError: a whole period lies inside the interval of the delay, or the gains are no interval above 0.
     """
-    tubes = [Tube(math.inf, math.inf, math.inf, math.inf)] * len(boxes)
+    tubes = [AxisTube(math.inf, math.inf, math.inf, math.inf)] * len(boxes)
     for places, bounds in cell_bounds(design, boxes, gain_min, gain_max, assumptions.pose_age, lag_varies):
         for place, tube in zip(places, tubes_of(bounds, [boxes[place] for place in places], assumptions), strict=True):
             tubes[place] = tube
     return tubes
 
 
-def tubes_of(bounds: Bounds, boxes: Sequence[Box], assumptions: Assumptions) -> list[Tube]:
+def tubes_of(bounds: CellBounds, boxes: Sequence[PlantBox], assumptions: Assumptions) -> list[AxisTube]:
     """Return the tube of each of some boxes as cells that are alike.
 
     Args:
@@ -192,22 +192,22 @@ def tubes_of(bounds: Bounds, boxes: Sequence[Box], assumptions: Assumptions) -> 
     drives = Drives(cells.port_gain * (error + most) * UP, rate, model_drive + most, bounds.pose_age)
     found, bend = bounds.settled(*bounds.answered(inputs), drives)
     found[:, 0] += cells.period**2 / 8.0 * bend
-    return [Tube(*values) for values in (found * UP).tolist()]
+    return [AxisTube(*values) for values in (found * UP).tolist()]
 
 
 def cell_bounds(
     design: Design,
-    boxes: Sequence[Box],
+    boxes: Sequence[PlantBox],
     gain_min: float,
     gain_max: float,
     pose_age: float,
     lag_varies: bool,
     faster: float | None = None,
     coarse: bool = False,
-) -> Iterator[tuple[list[int], Bounds]]:
+) -> Iterator[tuple[list[int], CellBounds]]:
     """Yield the sums of boxes as one cell each, whose poses are half as old as they may be, with the boxes' places.
 
-    With `faster` they have those of `Bounds.growing`, too; `coarse` is as for `Cells`.
+    With `faster` they have those of `CellBounds.growing`, too; `coarse` is as for `Cells`.
 
     Raises:
         FlatsatError: a whole period lies inside the interval of a delay or it is longer than 40 periods, the gains are
@@ -215,32 +215,32 @@ def cell_bounds(
     """
     if not pose_age <= 2.0 * design.period:
         raise refusal("pose_age", pose_age, "s", f"at most two periods, {2.0 * design.period:g} s")
-    require_short([design.model.delay, *(box.high.delay for box in boxes)], design.period)
+    require_few_under_way([design.model.delay, *(box.high.delay for box in boxes)], design.period)
     for box in boxes:
         if not box.within_periods(design.period):
             raise FlatsatError(f"delays from {box.low.delay} to {box.high.delay} s: must have no whole period inside")
     if not 0.0 < gain_min <= gain_max:
         raise refusal("gain_min", gain_min, "", f"above 0 and at most gain_max, {gain_max:g}")
     for places, cells in side_by_side(design, boxes, decimal(pose_age) / 2, coarse):
-        yield places, Bounds(cells, gain_min, gain_max, lag_varies, faster)
+        yield places, CellBounds(cells, gain_min, gain_max, lag_varies, faster)
 
 
 def box_tube(
     design: Design,
-    box: Box,
+    box: PlantBox,
     cuts: Sequence[str],
     gain_min: float,
     gain_max: float,
     assumptions: Assumptions,
     lag_varies: bool = False,
-) -> Tube:
+) -> AxisTube:
     """Return the tube of all plants of a box that is cut into cells.
 
     Args:
         design: the controller.
         box: the plants.
         cuts: for the box and then for the lower and the upper half of whatever is cut, each with its own halves before
-            the next: the figure across which it is cut into halves (`Box.halves`), or "" for a cell.
+            the next: the figure across which it is cut into halves (`PlantBox.halves`), or "" for a cell.
         gain_min: smallest applied gain k.
         gain_max: largest applied gain.
         assumptions: bounds of the inputs.
@@ -249,14 +249,14 @@ def box_tube(
     Raises:
         FlatsatError: as `cell_tubes`; or the cuts leave parts over, go on without any, or name no figure of a part.
     """
-    tube = Tube(0.0, 0.0, 0.0, 0.0)
+    tube = AxisTube(0.0, 0.0, 0.0, 0.0)
     parts = cells(box, cuts, design.period, lag_varies)
     for part in cell_tubes(design, parts, gain_min, gain_max, assumptions, lag_varies):
         tube |= part
     return tube
 
 
-def cells(box: Box, cuts: Sequence[str], period: float, lag_varies: bool) -> list[Box]:
+def cells(box: PlantBox, cuts: Sequence[str], period: float, lag_varies: bool) -> list[PlantBox]:
     """Return the cells into which a box is cut; the arguments are those of `box_tube`."""
     found, waiting = [], [box]
     for name in cuts:

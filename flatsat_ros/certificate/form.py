@@ -9,7 +9,7 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import LARGEST, refusal, require
 from flatsat_ros.base.strict_yaml import section
-from flatsat_ros.certificate.flight import Flight
+from flatsat_ros.certificate.flight import FlightSection
 from flatsat_ros.certificate.robust import Robust
 from flatsat_ros.law.input_set import InputSet
 
@@ -73,7 +73,7 @@ def read(document: object) -> tuple[dict[str, Any], FloatArray]:
         "loop": loop["horizontal"],
         "loop_vertical": loop["vertical"],
         "robust": robust,
-        "flight": Flight.from_document(root["flight"], sampling["period"]) if flies else None,
+        "flight": FlightSection.from_document(root["flight"], sampling["period"]) if flies else None,
         "provenance": root["provenance"],
     }
     return figures, symmetric_matrix("lyapunov.matrix", decay["matrix"], 6)

@@ -151,7 +151,7 @@ def over(values: FloatArray, derivatives: FloatArray) -> FloatArray:
     return np.concatenate([np.zeros_like(derivatives) + values[:, None], derivatives], axis=2)
 
 
-def side_by_side(columns: Enclosure, count: int) -> Enclosure:
+def columns_by_time(columns: Enclosure, count: int) -> Enclosure:
     """Return columns (..., count m) of some times, one time after another, with the times of each side by side."""
     mid, rad = (
         part.reshape(*part.shape[:-1], count, part.shape[-1] // count).swapaxes(-1, -2).reshape(part.shape)

@@ -66,11 +66,11 @@ def _parser() -> shell.Parser:
 def _scenario(arguments: argparse.Namespace, folder: Path) -> Scenario:
     """Return what is to be flown."""
     from flatsat_ros.base.errors import FlatsatError
-    from flatsat_ros.demo.scenario import plan, planned
+    from flatsat_ros.demo.scenario import plan, planned_flight
 
     if arguments.plan is not None:
         _require_unused(arguments, "--plan", "paper", "dynamics", "seconds", "robots", "rate", "offset_free")
-        return planned(arguments.plan, arguments.wind)
+        return planned_flight(arguments.plan, arguments.wind)
     if arguments.robots is not None and not arguments.paper:
         from flatsat_ros.cli.plan import tell_round
         from flatsat_ros.demo.exchange import exchange

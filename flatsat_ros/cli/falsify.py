@@ -134,7 +134,7 @@ def _attack(arguments: argparse.Namespace) -> int:
 
     from flatsat_ros.base.resources import config_path
     from flatsat_ros.certificate.certificate import Certificate
-    from flatsat_ros.falsification.flight import Outcome, attack, section_of
+    from flatsat_ros.falsification.flight import AttackOutcome, attack, section_of
     from flatsat_ros.falsification.flight_report import FlightTally
     from flatsat_ros.falsification.workers import results_of
 
@@ -144,7 +144,7 @@ def _attack(arguments: argparse.Namespace) -> int:
     section_of(certificate)
     tally = FlightTally()
 
-    def take(outcome: Outcome) -> tuple[int, int]:
+    def take(outcome: AttackOutcome) -> tuple[int, int]:
         tally.add(outcome)
         return outcome.runs, len(tally.breaches)
 
@@ -204,7 +204,7 @@ def _fly_plans(arguments: argparse.Namespace) -> int:
 
 
 def _fly(arguments: argparse.Namespace) -> int:
-    from flatsat_ros.falsification.campaigns import CAMPAIGNS, RUNS, Outcome
+    from flatsat_ros.falsification.campaigns import CAMPAIGNS, RUNS, CampaignOutcome
     from flatsat_ros.falsification.certificates import synthesized_for
     from flatsat_ros.falsification.report import Tally
     from flatsat_ros.falsification.series import batches_of, run_batches
@@ -215,7 +215,7 @@ def _fly(arguments: argparse.Namespace) -> int:
     pool, batches, tally = synthesized_for(campaigns), batches_of(campaigns, runs, seed), Tally()
     flown = iter(batches)
 
-    def take(outcome: Outcome) -> tuple[int, int]:
+    def take(outcome: CampaignOutcome) -> tuple[int, int]:
         tally.add(next(flown).campaign, outcome)
         return RUNS, len(tally.violations)
 

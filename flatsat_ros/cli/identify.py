@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from flatsat_ros.crazyflie.vehicle import VehicleProfile
     from flatsat_ros.identification.columns import ColumnMap
     from flatsat_ros.identification.identified import Identified
-    from flatsat_ros.identification.log import FlightLog, Flown
+    from flatsat_ros.identification.log import ClaimedFlight, FlightLog
     from flatsat_ros.viewing.flight import Channel
 
 _BASE = "cf21"
@@ -235,20 +235,20 @@ def _measured(pose: Channel) -> FloatArray:
     return pose.times if float(np.ptp(way)) > _WAY else pose.stamps + way.min()
 
 
-def _flown(ticks: Channel) -> Flown:
+def _flown(ticks: Channel) -> ClaimedFlight:
     """Return what our controller claimed in the ticks in FLY that have an error."""
     import numpy as np
 
     from flatsat_ros.flight.assumptions import Assumption
     from flatsat_ros.flight.modes import Mode
-    from flatsat_ros.identification.log import Flown
+    from flatsat_ros.identification.log import ClaimedFlight
 
     error = np.stack([ticks.column(f"error_{axis}") for axis in "xyz"], axis=-1)
     flying = (ticks.column("mode") == Mode.FLY) & np.isfinite(error).all(axis=1)
     tube = np.stack([ticks.column("tube"), ticks.column("tube_z")], axis=-1)
     # outside the tube although all was as assumed for long is a claim, too, one that was broken
     claimed = np.isin(ticks.column("assumption"), (Assumption.NONE, Assumption.TUBE))
-    return Flown(error[flying], tube[flying], claimed[flying])
+    return ClaimedFlight(error[flying], tube[flying], claimed[flying])
 
 
 if __name__ == "__main__":

@@ -170,7 +170,7 @@ def _write_designs(arguments: argparse.Namespace) -> None:
 def _write_own(arguments: argparse.Namespace) -> None:
     from flatsat_ros.base.errors import FlatsatError, refusal
     from flatsat_ros.crazyflie.vehicle import load_vehicle
-    from flatsat_ros.synthesis.wishes import Wishes
+    from flatsat_ros.synthesis.wishes import CertificateWishes
 
     output, plot = arguments.output, arguments.plot
     for option in ("assume", "seconds"):
@@ -202,7 +202,7 @@ def _write_own(arguments: argparse.Namespace) -> None:
     rate = arguments.rate
     if rate is None and arguments.cover is None and drift is None and push is None:
         rate = _RATE
-    wishes = Wishes(limits, timing, rate, arguments.cover, drift, push, lowest, highest)
+    wishes = CertificateWishes(limits, timing, rate, arguments.cover, drift, push, lowest, highest)
     name = arguments.name or (output.stem if output else "unnamed")
     _finish(wishes.certificate(name, inputs), output, plot, arguments.cover)
 
@@ -277,10 +277,10 @@ def _limits(arguments: argparse.Namespace, vehicle: VehicleProfile | None) -> tu
 
 def _finish(certificate: Certificate, output: Path | None, plot: Path | None, cover: Sequence[float] | None) -> None:
     """Write the certificate and its pictures, and print it."""
-    from flatsat_ros.synthesis.goals import corners
+    from flatsat_ros.synthesis.goals import start_corners
     from flatsat_ros.synthesis.report import table
 
-    lines = table(certificate, None if cover is None else corners(cover))
+    lines = table(certificate, None if cover is None else start_corners(cover))
     if output is not None:
         certificate.save(output)
     print(lines)

@@ -50,8 +50,8 @@ def _convert(kind: Any, value: object, where: str) -> object:
     return tuple(_convert(float, item, f"{where}[{i}]") for i, item in enumerate(value))
 
 
-def plain(value: object) -> object:
+def without_empty(value: object) -> object:
     """Return a value without tuples and without entries that are None."""
     if isinstance(value, dict):
-        return {key: plain(entry) for key, entry in value.items() if entry is not None}
+        return {key: without_empty(entry) for key, entry in value.items() if entry is not None}
     return list(value) if isinstance(value, tuple) else value

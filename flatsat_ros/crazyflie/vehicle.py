@@ -29,7 +29,7 @@ from flatsat_ros.base.errors import (
 from flatsat_ros.base.files import located
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.base.strict_yaml import read_yaml
-from flatsat_ros.crazyflie.fields import build, plain
+from flatsat_ros.crazyflie.fields import build, without_empty
 from flatsat_ros.crazyflie.intervals import Intervals
 
 PWM_FULL = 65535  # the 16-bit thrust command that stands for force_max
@@ -315,4 +315,4 @@ def load_vehicle(name_or_path: str | os.PathLike[str]) -> VehicleProfile:
 
 def profile_document(profile: VehicleProfile) -> dict[str, Any]:
     """Return a profile as what its YAML file says: mappings, lists, numbers; what is not known is left out."""
-    return cast("dict[str, Any]", plain(dataclasses.asdict(profile)))
+    return cast("dict[str, Any]", without_empty(dataclasses.asdict(profile)))

@@ -12,7 +12,7 @@ import numpy as np
 from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.demo.record import PLAN
-from flatsat_ros.demo.scenario import Scenario, default_certificate, planned
+from flatsat_ros.demo.scenario import Scenario, default_certificate, planned_flight
 from flatsat_ros.flight.separation import DOWNWASH
 from flatsat_ros.planning.mission import Asked, Mission
 from flatsat_ros.planning.planner import Round, finished
@@ -52,7 +52,7 @@ def exchange(folder: Path, count: int, wind: float = 0.0, progress: Callable[[Ro
         if progress is not None:
             progress(proved)
     finished(mission, found[-1]).save(folder / PLAN)
-    return planned(folder / PLAN, wind)
+    return planned_flight(folder / PLAN, wind)
 
 
 def mission_of(certificate: Certificate, count: int) -> Mission:

@@ -20,9 +20,9 @@ from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
-from flatsat_ros.planning.gathering import planned
+from flatsat_ros.planning.gathering import first_proved
 from flatsat_ros.plans.gathering import Move
-from flatsat_ros.plans.performance import PATIENCE, Performance, Phase
+from flatsat_ros.plans.performance import PATIENCE, Performance, PlanPhase
 from flatsat_ros.plans.prepared import PreparedPlan
 from flatsat_ros.sim.closed_loop import Observer
 from flatsat_ros.sim.closed_loop import fly as fly_simulated
@@ -57,7 +57,7 @@ def fly(scenario: Scenario, observe: Observer | None = None) -> FlightRecord:
 
 def _planned_at_once(move: Move) -> Callable[[], PreparedPlan]:
     """Plan how drones gather, while simulated time stands still."""
-    found = planned(move)
+    found = first_proved(move)
     return lambda: found
 
 
@@ -143,7 +143,7 @@ class _Simulation(Stage):
         plan = self._performance
         if plan is not None:
             plan.start(self.now())
-            if not self.wait_until(lambda: plan.phase is Phase.FLYING, PATIENCE):
+            if not self.wait_until(lambda: plan.phase is PlanPhase.FLYING, PATIENCE):
                 raise FlatsatError(f"the plan does not begin within {PATIENCE:g} s: drones are not within their tubes")
             return plan.origin
         start = self.now() + lead

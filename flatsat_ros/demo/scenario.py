@@ -17,7 +17,7 @@ from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, Certificate
 from flatsat_ros.crazyflie.fit import LINK_DELAY, require_fit
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
-from flatsat_ros.flight.path_limits import Box
+from flatsat_ros.flight.path_limits import ReferenceBox
 from flatsat_ros.flight.policy import GoalMode, Policy
 from flatsat_ros.flight.preview import needed_margin
 from flatsat_ros.flight.trajectory import Trajectory
@@ -145,7 +145,7 @@ def plan(
     )
 
 
-def planned(path: Path, wind: float = 0.0) -> Scenario:
+def planned_flight(path: Path, wind: float = 0.0) -> Scenario:
     """Return the flight of a plan file, from the floor below its first points, by the demo's certificate.
 
     The floor is at 0, or half a metre below the lowest point of the references where that is not above it by so much as
@@ -186,7 +186,7 @@ def planned(path: Path, wind: float = 0.0) -> Scenario:
     )  # fmt: skip
 
 
-def _require_inside(room: Box, robots: Sequence[str], paths: Sequence[Trajectory]) -> None:
+def _require_inside(room: ReferenceBox, robots: Sequence[str], paths: Sequence[Trajectory]) -> None:
     """Refuse references that leave the room.
 
     Raises:

@@ -1,6 +1,6 @@
 """Campaigns of closed loops that try to break what certificates claim. Numpy only."""
 
-from flatsat_ros.falsification.campaigns import CAMPAIGNS, Outcome, run
+from flatsat_ros.falsification.campaigns import CAMPAIGNS, CampaignOutcome, run
 from flatsat_ros.falsification.claims import Violation
 
-__all__ = ["CAMPAIGNS", "Outcome", "Violation", "run"]
+__all__ = ["CAMPAIGNS", "CampaignOutcome", "Violation", "run"]

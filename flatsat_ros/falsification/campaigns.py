@@ -50,7 +50,7 @@ _SMALL = 1e-10
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CampaignOutcome:
     """What a batch came to.
 
     Attributes:
@@ -72,7 +72,7 @@ def run(
     pool: Pool,
     tamper: Callable[[Certificate], Certificate] | None = None,
     watched: int | None = None,
-) -> Outcome:
+) -> CampaignOutcome:
     """Run one batch.
 
     Args:
@@ -98,7 +98,7 @@ def run(
         _Sampled(random, ledger).fly()
     else:
         _Continuous(random, ledger, campaign == "tracking").fly()
-    return Outcome(ledger.certificate, list(ledger.violations.values()), ledger.tightest, ledger.history)
+    return CampaignOutcome(ledger.certificate, list(ledger.violations.values()), ledger.tightest, ledger.history)
 
 
 class _Loop:

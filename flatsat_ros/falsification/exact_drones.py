@@ -13,13 +13,13 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.enclosures import exponential
-from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight_cell import PlantBox
 from flatsat_ros.certificate.flight_plant import Plant, split
 
 _CHANGING = ("lag", "frequency", "damping")
 
 
-def draw_plants(random: np.random.Generator, box: Box, count: int, *, lag_varies: bool) -> list[Plant]:
+def draw_plants(random: np.random.Generator, box: PlantBox, count: int, *, lag_varies: bool) -> list[Plant]:
     """Draw plants of a box, most figures at an end of their interval and the others inside.
 
     Args:

@@ -19,7 +19,7 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.certificate.flight import Flight
+from flatsat_ros.certificate.flight import FlightSection
 from flatsat_ros.falsification.exact_drones import ExactDrones, draw_plants
 from flatsat_ros.falsification.flight_claims import Breach, Found, Judge
 from flatsat_ros.falsification.swinging import swinging
@@ -50,7 +50,7 @@ _STARTS = 0.2  # share of the drones that begin every run beside the reference
 
 
 @dataclass(frozen=True)
-class Outcome:
+class AttackOutcome:
     """What a batch came to.
 
     Attributes:
@@ -66,7 +66,7 @@ class Outcome:
     told: float
 
 
-def attack(seed: int, certificate: Certificate) -> Outcome:
+def attack(seed: int, certificate: Certificate) -> AttackOutcome:
     """Fly one batch, of which everything follows from the arguments.
 
     Args:
@@ -80,7 +80,7 @@ def attack(seed: int, certificate: Certificate) -> Outcome:
     return _Batch(certificate, section_of(certificate), seed).fly()
 
 
-def section_of(certificate: Certificate) -> Flight:
+def section_of(certificate: Certificate) -> FlightSection:
     """Return the flight section of a certificate, refusing one without.
 
     Raises:
@@ -94,7 +94,7 @@ def section_of(certificate: Certificate) -> Flight:
 class _Batch:
     """A pilot, its drones and their adversary."""
 
-    def __init__(self, certificate: Certificate, flight: Flight, seed: int) -> None:
+    def __init__(self, certificate: Certificate, flight: FlightSection, seed: int) -> None:
         self._flight, self._period, self._focus = flight, certificate.period, seed % 2
         random = self._random = np.random.default_rng(seed)
         self._swinging = bool(seed // 4 % 2) and flight.assumptions.jerk > 0.0 and flight.assumptions.snap > 0.0
@@ -128,7 +128,7 @@ class _Batch:
         self._push, self._ticks = np.zeros((DRONES, 3)), 0
         self._gain = np.ones(DRONES)
 
-    def fly(self) -> Outcome:
+    def fly(self) -> AttackOutcome:
         """Fly all runs."""
         tick = self._settle()
         if self._swinging:
@@ -136,7 +136,7 @@ class _Batch:
         for _ in range(WINDOWS):
             tick = self._run(tick)
         judge = self._judge
-        return Outcome(WINDOWS * DRONES, judge.found, judge.breaches, judge.told / (WINDOWS * PERIODS))
+        return AttackOutcome(WINDOWS * DRONES, judge.found, judge.breaches, judge.told / (WINDOWS * PERIODS))
 
     def _tick(self, seen: FloatArray, ages: FloatArray, gains: FloatArray) -> Tick:
         """Let the pilot tick with poses (N, 3), m, of some ages (N,), s, and gains (N,)."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.certificate.flight import Flight
+from flatsat_ros.certificate.flight import FlightSection
 from flatsat_ros.certificate.flight_plant import Plant
 from flatsat_ros.falsification.exact_drones import ExactDrones
 from flatsat_ros.falsification.swinging import amplitudes
@@ -78,7 +78,7 @@ class Judge:
     """
 
     def __init__(
-        self, certificate: Certificate, flight: Flight, seed: int, kinds: Sequence[Sequence[Plant]], count: int
+        self, certificate: Certificate, flight: FlightSection, seed: int, kinds: Sequence[Sequence[Plant]], count: int
     ) -> None:
         """Judge by what is claimed.
 

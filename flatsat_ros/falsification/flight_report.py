@@ -9,7 +9,7 @@ from itertools import islice
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight_plant import Plant
 from flatsat_ros.certificate.flight_tube import box_tube
-from flatsat_ros.falsification.flight import PERIODS, Outcome, section_of
+from flatsat_ros.falsification.flight import PERIODS, AttackOutcome, section_of
 from flatsat_ros.falsification.flight_claims import AXES, KINDS, Breach, Found
 from flatsat_ros.falsification.worst_gains import worst_gains
 from flatsat_ros.falsification.worst_inputs import SIGNALS, exact_bound
@@ -36,7 +36,7 @@ class FlightTally:
     breaches: list[Breach] = field(default_factory=list)
     told: float = 0.0
 
-    def add(self, outcome: Outcome) -> None:
+    def add(self, outcome: AttackOutcome) -> None:
         """Count one batch."""
         self.runs += outcome.runs
         self.batches += 1

@@ -42,7 +42,7 @@ _INSIDE = 1.0 - 1e-9
 _SHOWN = 5
 
 
-class Claim(NamedTuple):
+class ClaimChanges(NamedTuple):
     """How a claim is made weaker, stronger by a share of its slack, and stronger than its slack by a share."""
 
     name: str
@@ -115,7 +115,7 @@ def mutants(certificate: Certificate, seed: int, count: int) -> Iterator[Mutant]
     """
     random, document, slacks = np.random.default_rng(seed), certificate.to_document(), certificate.verify()
     claims = _ideal(certificate, slacks)
-    others: list[Claim] = []
+    others: list[ClaimChanges] = []
     if certificate.flight is not None:
         claims += _flight(document["flight"], slacks)
         others = _assumed(document["flight"]["assumptions"], slacks)
@@ -161,7 +161,7 @@ def _part(slack: float, share: float) -> float:
     return max(slack * share - _DIGITS, 0.0)
 
 
-def _falling(name: str, figures: Figures, slack: float, room: float = 1.0) -> Claim:
+def _falling(name: str, figures: Figures, slack: float, room: float = 1.0) -> ClaimChanges:
     """Return a claim that is stronger the smaller its figures are.
 
     Args:
@@ -170,7 +170,7 @@ def _falling(name: str, figures: Figures, slack: float, room: float = 1.0) -> Cl
         slack: by how much, relatively, they are above what holds.
         room: by how much, relatively, they may be larger.
     """
-    return Claim(
+    return ClaimChanges(
         name,
         lambda share: _scaled(figures, 1.0 + _part(room, share)),
         lambda share: _scaled(figures, 1.0 - _part(slack, share)),
@@ -178,7 +178,7 @@ def _falling(name: str, figures: Figures, slack: float, room: float = 1.0) -> Cl
     )
 
 
-def _rising(name: str, figures: Figures, slack: float, room: float = 1.0) -> Claim:
+def _rising(name: str, figures: Figures, slack: float, room: float = 1.0) -> ClaimChanges:
     """Return a claim that is stronger the larger its figures are.
 
     Args:
@@ -187,7 +187,7 @@ def _rising(name: str, figures: Figures, slack: float, room: float = 1.0) -> Cla
         slack: by how much, relatively, they are below what holds, of which it is a share.
         room: by how much, relatively, they may be smaller.
     """
-    return Claim(
+    return ClaimChanges(
         name,
         lambda share: _scaled(figures, 1.0 - _part(room, share) * _INSIDE),
         lambda share: _scaled(figures, 1.0 / (1.0 - _part(slack, share))),
@@ -195,7 +195,7 @@ def _rising(name: str, figures: Figures, slack: float, room: float = 1.0) -> Cla
     )
 
 
-def _ideal(certificate: Certificate, slacks: Mapping[str, float]) -> list[Claim]:
+def _ideal(certificate: Certificate, slacks: Mapping[str, float]) -> list[ClaimChanges]:
     """Return the claims about the ideal loop."""
     sets: Figures = {("invariant_set", name): getattr(certificate, name) for name in ("ball", "level")}
     ball, level = ({place: value} for place, value in sets.items())
@@ -220,12 +220,12 @@ def _ideal(certificate: Certificate, slacks: Mapping[str, float]) -> list[Claim]
         claims += [
             _rising("box in the input set", box, _slack(slacks, "the box"))._replace(weaker=None),
             _falling("box around v0", box, holds_v0)._replace(weaker=None),
-            Claim("robust disturbance", lambda share: _scaled(disturbance, 1.0 - share), None, None),
+            ClaimChanges("robust disturbance", lambda share: _scaled(disturbance, 1.0 - share), None, None),
         ]
     return claims
 
 
-def _gain(certificate: Certificate, name: str, away: float) -> Claim:
+def _gain(certificate: Certificate, name: str, away: float) -> ClaimChanges:
     """Return a claim about an end of the gains: growth is convex, so that beyond it the secant from 1 is below."""
     timing, gain = certificate.timing, float(getattr(certificate, name))
     place = ("sampling", name)
@@ -242,7 +242,7 @@ def _gain(certificate: Certificate, name: str, away: float) -> Claim:
     if certificate.flight is not None and away > 0.0:
         end = min(end, certificate.flight.gain_max)
     usable = math.isfinite(end) and end > 0.0
-    return Claim(
+    return ClaimChanges(
         name,
         (lambda share: {place: gain + (1.0 - gain) * share}) if gain != 1.0 else None,
         None,
@@ -250,7 +250,7 @@ def _gain(certificate: Certificate, name: str, away: float) -> Claim:
     )
 
 
-def _flight(flight: Mapping[str, Any], slacks: Mapping[str, float]) -> list[Claim]:
+def _flight(flight: Mapping[str, Any], slacks: Mapping[str, float]) -> list[ClaimChanges]:
     """Return the claims of a flight section for the same loops and inputs."""
     tilt, hovering = _slack(slacks, "every applied gain is at least 1"), _slack(slacks, "the margin is one")
     room = min(tilt, _slack(slacks, "of the thrust what a hovering drone has"))
@@ -269,7 +269,7 @@ def _flight(flight: Mapping[str, Any], slacks: Mapping[str, float]) -> list[Clai
         *claims,
         _falling("margin", {place: margin}, tilt, hovering),
         _rising("margin of a hovering drone", {place: margin}, hovering)._replace(weaker=None),
-        Claim(
+        ClaimChanges(
             "disturbance",
             lambda share: {most: disturbance * (1.0 - share)},
             lambda share: {most: disturbance * (1.0 + _part(room, share))},
@@ -278,14 +278,17 @@ def _flight(flight: Mapping[str, Any], slacks: Mapping[str, float]) -> list[Clai
     ]
 
 
-def _assumed(assumptions: Mapping[str, float], slacks: Mapping[str, float]) -> list[Claim]:
+def _assumed(assumptions: Mapping[str, float], slacks: Mapping[str, float]) -> list[ClaimChanges]:
     """Return the claims of a flight section for other inputs."""
     inputs: Figures = {
         ("flight", "assumptions", name): value for name, value in assumptions.items() if name != "pose_age"
     }
     tubes = [slack for name, slack in slacks.items() if " tube, " in name]
     whole = _rising("all inputs", inputs, min(tubes) * (1.0 - _KNOWN))
-    return [whole, *(Claim(place[-1], partial(_less, {place: value}), None, None) for place, value in inputs.items())]
+    return [
+        whole,
+        *(ClaimChanges(place[-1], partial(_less, {place: value}), None, None) for place, value in inputs.items()),
+    ]
 
 
 def _less(figures: Figures, share: float) -> Figures:

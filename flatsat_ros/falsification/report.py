@@ -10,7 +10,7 @@ from itertools import islice
 import numpy as np
 
 from flatsat_ros.certificate.sets import Place
-from flatsat_ros.falsification.campaigns import CAMPAIGNS, RUNS, Outcome
+from flatsat_ros.falsification.campaigns import CAMPAIGNS, RUNS, CampaignOutcome
 from flatsat_ros.falsification.claims import Violation
 from flatsat_ros.falsification.sabotage import SABOTAGES
 
@@ -31,7 +31,7 @@ class Tally:
     tightest: dict[str, float] = field(default_factory=dict)
     violations: list[Violation] = field(default_factory=list)
 
-    def add(self, campaign: str, outcome: Outcome) -> None:
+    def add(self, campaign: str, outcome: CampaignOutcome) -> None:
         """Count one batch."""
         self.runs[campaign] += RUNS
         self.violations += outcome.violations
@@ -63,7 +63,7 @@ class Tally:
         return "\n".join(lines)
 
 
-def replay_text(run: str, outcome: Outcome, violations: list[Violation], sabotage: str | None) -> str:
+def replay_text(run: str, outcome: CampaignOutcome, violations: list[Violation], sabotage: str | None) -> str:
     """Return one run step by step.
 
     Args:

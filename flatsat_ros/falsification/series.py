@@ -7,7 +7,7 @@ from collections.abc import Generator, Sequence
 from functools import partial
 from typing import NamedTuple
 
-from flatsat_ros.falsification.campaigns import RUNS, Outcome, Pool, run
+from flatsat_ros.falsification.campaigns import RUNS, CampaignOutcome, Pool, run
 from flatsat_ros.falsification.sabotage import sabotaged
 from flatsat_ros.falsification.workers import results_of
 
@@ -30,12 +30,12 @@ def batches_of(campaigns: Sequence[str], runs: int, seed: int) -> list[Batch]:
     return [Batch(campaigns[i % len(campaigns)], seed + i // len(campaigns)) for i in range(count)]
 
 
-def run_batch(batch: Batch, pool: Pool, sabotage: str | None, watched: int | None = None) -> Outcome:
+def run_batch(batch: Batch, pool: Pool, sabotage: str | None, watched: int | None = None) -> CampaignOutcome:
     """Run one batch, see `campaigns.run`; sabotage is None or one of `sabotage.SABOTAGES`."""
     return run(*batch, pool, None if sabotage is None else partial(sabotaged, sabotage), watched)
 
 
-def run_batches(batches: Sequence[Batch], pool: Pool, sabotage: str | None, workers: int) -> Generator[Outcome]:
+def run_batches(batches: Sequence[Batch], pool: Pool, sabotage: str | None, workers: int) -> Generator[CampaignOutcome]:
     """Yield what the batches come to, in their order; what has not begun is dropped with the generator.
 
     Args:

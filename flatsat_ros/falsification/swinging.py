@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.certificate.flight import Flight
+from flatsat_ros.certificate.flight import FlightSection
 from flatsat_ros.flight.trajectory import SIZE, Trajectory
 
 _EDGE = 1.0 - 1e-9
@@ -18,7 +18,7 @@ _ONCE = np.array([1.0, -1.0, -1.0, 1.0])
 _SWINGS = np.concatenate([_ONCE, -_ONCE, -_ONCE, _ONCE])
 
 
-def amplitudes(flight: Flight) -> tuple[float, float, float, float]:
+def amplitudes(flight: FlightSection) -> tuple[float, float, float, float]:
     """Return the largest speed, acceleration, jerk and snap of the references, m/s and so on."""
     assumed = flight.assumptions
     snap = _EDGE * assumed.snap
@@ -28,7 +28,7 @@ def amplitudes(flight: Flight) -> tuple[float, float, float, float]:
     return 2.0 * acceleration * quarter, acceleration, jerk, snap
 
 
-def swinging(flight: Flight, place: FloatArray, line: FloatArray, begin: float, end: float) -> Trajectory:
+def swinging(flight: FlightSection, place: FloatArray, line: FloatArray, begin: float, end: float) -> Trajectory:
     """Return a reference that rests at a place until a time and then swings along a line, at least until the end.
 
     Args:

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.certificate.flight import Axis, Flight
-from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight import Axis, FlightSection
+from flatsat_ros.certificate.flight_cell import PlantBox
 from flatsat_ros.certificate.flight_loop import FlightLoop
 from flatsat_ros.certificate.flight_plant import Plant
 from flatsat_ros.falsification.worst_inputs import entering, exact_bound
@@ -43,7 +43,7 @@ class WorstGains(NamedTuple):
     gains: tuple[float, ...]
 
 
-def worst_gains(flight: Flight, axis: Axis, gain_max: float) -> WorstGains:
+def worst_gains(flight: FlightSection, axis: Axis, gain_max: float) -> WorstGains:
     """Return what gains can do to the axes that share a loop.
 
     Args:
@@ -57,19 +57,21 @@ def worst_gains(flight: Flight, axis: Axis, gain_max: float) -> WorstGains:
         held = (exact_bound(axis, plant, flight.gain_min, flight.assumptions, a, True, _BEFORE) for a in (0.0, age))
         return max(float(bound[0]) for bound in held)
 
-    bounds = {plant: resting(plant) for plant in corners(axis.box)}
+    bounds = {plant: resting(plant) for plant in extreme_plants(axis.box)}
     worst = max(bounds, key=lambda plant: bounds[plant])
     most, gains = _search(flight, axis, worst, gain_max, age)
     return WorstGains(worst, bounds[worst], most, gains)
 
 
-def corners(box: Box) -> list[Plant]:
+def extreme_plants(box: PlantBox) -> list[Plant]:
     """Return the plants all of whose figures are at an end of their intervals."""
     ends = [sorted({getattr(box.low, f.name), getattr(box.high, f.name)}) for f in fields(Plant)]
     return [Plant(*figures) for figures in itertools.product(*ends)]
 
 
-def _search(flight: Flight, axis: Axis, plant: Plant, gain_max: float, age: float) -> tuple[float, tuple[float, ...]]:
+def _search(
+    flight: FlightSection, axis: Axis, plant: Plant, gain_max: float, age: float
+) -> tuple[float, tuple[float, ...]]:
     loops, ends = [FlightLoop(axis.design, plant, a) for a in (0.0, age)], (flight.gain_min, gain_max)
     steps = np.array([loop.matrix(gain) for loop in loops for gain in ends])
     inputs = entering(axis, plant, loops[0], flight.assumptions, True)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray, all_of, any_of
-from flatsat_ros.certificate.flight import Axis, Flight
+from flatsat_ros.certificate.flight import Axis, FlightSection
 from flatsat_ros.certificate.flight_loop import FlightLoop
 from flatsat_ros.flight.known import known
 from flatsat_ros.flight.lateness import Lateness
@@ -120,7 +120,7 @@ class Monitors:
         lost: (N,) whose poses are so far from where they are expected that its estimate is wrong.
     """
 
-    def __init__(self, flight: Flight, clip: float, references: References) -> None:
+    def __init__(self, flight: FlightSection, clip: float, references: References) -> None:
         """Watch drones of which nothing holds yet.
 
         Args:

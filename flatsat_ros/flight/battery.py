@@ -19,7 +19,7 @@ HOLD = 3.0
 _LEAST, _MOST = 0.5, 2.0
 
 
-class Limits(Protocol):
+class VoltageLimits(Protocol):
     """At what voltages, V, to warn and to land; `crazyflie.BatteryLimits` has them."""
 
     @property
@@ -68,7 +68,7 @@ class Batteries:
         self._refusal = [""] * count
         self._doubted = [False] * count
 
-    def measure(self, index: int, voltage: float, limits: Limits, now: float) -> Finding | None:
+    def measure(self, index: int, voltage: float, limits: VoltageLimits, now: float) -> Finding | None:
         """Take in a reading of drone index.
 
         Args:

@@ -20,7 +20,7 @@ from collections.abc import Callable
 import numpy as np
 
 from flatsat_ros.base.arrays import BoolArray, FloatArray, any_of
-from flatsat_ros.certificate.flight import Flight
+from flatsat_ros.certificate.flight import FlightSection
 
 # k_p, 1/s^2, and k_v, 1/s
 _SOFT = (0.9, 1.4)
@@ -58,7 +58,7 @@ class Doubt:
         any: whether there are any.
     """
 
-    def __init__(self, flight: Flight, bounds: FloatArray, count: int) -> None:
+    def __init__(self, flight: FlightSection, bounds: FloatArray, count: int) -> None:
         """Begin without doubts.
 
         Args:

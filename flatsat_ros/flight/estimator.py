@@ -21,7 +21,7 @@ from struct import Struct
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.flight.plausibility import Fault, PoseScreen, yaw_and_tilt
+from flatsat_ros.flight.plausibility import PoseRefusal, PoseScreen, yaw_and_tilt
 
 # standard deviation of a measured position, m
 _POSITION_NOISE = 1e-3
@@ -191,16 +191,18 @@ class Estimator:
         upward = 0.0 if self._aloft[index] else self._commands[-1][2][3 * index + 2]
         return 0.0, 0.0, max(upward, 0.0)
 
-    def _filter(self, index: int, newest: float, stamp: float, position: Sequence[float], now: float) -> Fault | None:
+    def _filter(
+        self, index: int, newest: float, stamp: float, position: Sequence[float], now: float
+    ) -> PoseRefusal | None:
         """Predict drone index to stamp and correct by position; return why it was not taken."""
         state, silence = self._filters[index], stamp - newest
         state.doubted &= self._aloft[index]
         if state.doubted and not (silence < _AGAIN_TIME and state.away(position, silence) < _NEAR_AGAIN):
-            return Fault.EXCHANGED if self._is_another(index, stamp, position) else Fault.FAR
+            return PoseRefusal.EXCHANGED if self._is_another(index, stamp, position) else PoseRefusal.FAR
         if silence > PREDICTION_MAX:
             if newest > -math.inf and self._is_another(index, stamp, position):
                 state.doubted = self._aloft[index]
-                return Fault.EXCHANGED
+                return PoseRefusal.EXCHANGED
             state.restart(position)
             return None
         push = [0.0, 0.0, 0.0]
@@ -223,12 +225,12 @@ class Estimator:
         if exchanged or (jump > _FAR and self._aloft[index]):
             state.jumps = 0  # it is no jump that may last: the drone is not where these poses say
             state.doubted = self._aloft[index]
-            return Fault.EXCHANGED if exchanged else Fault.FAR
+            return PoseRefusal.EXCHANGED if exchanged else PoseRefusal.FAR
         if state.jumps == _JUMPS_TO_RESTART:
             self._screen.note_move(index, jump, now)
             state.restart(position)
             return None
-        return Fault.JUMP
+        return PoseRefusal.JUMP
 
     def _is_another(self, index: int, stamp: float, position: Sequence[float]) -> bool:
         """Tell whether a position is where another drone was seen lately, and not this one."""

@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike
 
 from flatsat_ros.base.arrays import FloatArray, any_of, finite_array
 from flatsat_ros.base.errors import refusal
-from flatsat_ros.certificate.flight import Flight
+from flatsat_ros.certificate.flight import FlightSection
 from flatsat_ros.flight.path import path_to
-from flatsat_ros.flight.path_limits import Box, PathLimits
+from flatsat_ros.flight.path_limits import PathLimits, ReferenceBox
 from flatsat_ros.flight.preview import needed_margin
 from flatsat_ros.flight.references import References
 from flatsat_ros.flight.trajectory import Trajectory
@@ -58,7 +58,9 @@ class Guidance:
         changed: who got a new reference since somebody emptied this.
     """
 
-    def __init__(self, limits: InputSet, speed: float, box: Box, count: int, flight: Flight | None = None) -> None:
+    def __init__(
+        self, limits: InputSet, speed: float, box: ReferenceBox, count: int, flight: FlightSection | None = None
+    ) -> None:
         """Begin without references.
 
         Args:
@@ -305,7 +307,7 @@ class Guidance:
         if urgent or not limits.led_to(motion):  # within narrower ones it would take long to come back to them
             limits = self._widest
         if landing:
-            box = Box(np.array([*box.low[:2], -math.inf]), box.high)
+            box = ReferenceBox(np.array([*box.low[:2], -math.inf]), box.high)
             limits = limits.slower(_LANDING_SPEED)
         return path_to(motion, goal, now, limits, box, float(self.references.yaw[index]), wait=wait)
 

@@ -28,7 +28,7 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray, all_of, any_of
 from flatsat_ros.certificate.flight import Axis
-from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight_cell import PlantBox
 from flatsat_ros.certificate.flight_plant import Plant
 
 if TYPE_CHECKING:
@@ -151,7 +151,7 @@ class Lateness:
         self.excess = np.where(told, np.maximum(excess, 0.0), 0.0)
 
 
-def _unknown_drag(model: Plant, box: Box) -> float:
+def _unknown_drag(model: Plant, box: PlantBox) -> float:
     """Return by how much drag and tilt of a plant in a box may differ from a model's, 1/s; 0 where it has none."""
     if not (model.drag or model.tilt):
         return 0.0
@@ -159,7 +159,7 @@ def _unknown_drag(model: Plant, box: Box) -> float:
     return max(abs(end.drag - model.drag) for end in ends) + max(abs(end.tilt - model.tilt) for end in ends)
 
 
-def _leads(box: Box) -> tuple[float, float]:
+def _leads(box: PlantBox) -> tuple[float, float]:
     """Return the shortest and the longest lead of the plants of a box, s."""
     low, high = box.low, box.high
     if low.frequency > 0.0:

@@ -15,7 +15,7 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray, all_of, any_of
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.certificate.flight import Flight
+from flatsat_ros.certificate.flight import FlightSection
 from flatsat_ros.certificate.sets import Place
 from flatsat_ros.flight.assumptions import Assumption, Monitors, Seen
 from flatsat_ros.flight.doubt import Carried, Doubt
@@ -165,7 +165,12 @@ class PredictedLoop(Loop):
     """The law acts on the state in which a command finds the drone, and leads along the reference."""
 
     def __init__(
-        self, certificate: Certificate, flight: Flight, policy: Policy, references: References, estimator: Estimator
+        self,
+        certificate: Certificate,
+        flight: FlightSection,
+        policy: Policy,
+        references: References,
+        estimator: Estimator,
     ) -> None:
         count = len(estimator.yaw)
         horizontal, vertical = flight.horizontal.design, flight.vertical.design

@@ -15,7 +15,14 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.flight.guidance import Guidance
 from flatsat_ros.flight.modes import AIRBORNE, STANDING_HEIGHT, Mode
 from flatsat_ros.flight.policy import Policy
-from flatsat_ros.flight.separation import DOWNWASH, IN_THE_AIR, STANDING, TOLERANCE, Track, closest
+from flatsat_ros.flight.separation import (
+    DOWNWASH,
+    IN_THE_AIR,
+    STANDING,
+    TOLERANCE,
+    PreparedTrajectory,
+    closest_approaches,
+)
 from flatsat_ros.flight.supervisor import Supervisor
 from flatsat_ros.flight.trajectory import Trajectory
 
@@ -36,12 +43,12 @@ class Conflict(NamedTuple):
 class Presence(NamedTuple):
     """Where a robot is from now on, how distances from it count, (3,), and whether it stays there."""
 
-    track: Track
+    track: PreparedTrajectory
     scale: FloatArray
     rests: bool
 
 
-class End(NamedTuple):
+class EndPlace(NamedTuple):
     """A place (3,), m, where a robot will stay or may, how distances from it count, (3,), and what it does there."""
 
     place: FloatArray
@@ -79,7 +86,7 @@ class Neighbours:
         self._unseen = np.zeros(len(others), dtype=bool)  # who has not been seen for too long, and was told
         self._standing = policy.floor + STANDING_HEIGHT
         self._guidance, self._supervisor = guidance, supervisor
-        self._tracks: list[Track | None] = [None] * self.count
+        self._tracks: list[PreparedTrajectory | None] = [None] * self.count
         self._low, self._high = np.full((2, self.count, 3), np.nan)  # boxes around the tracks
 
     @property
@@ -108,7 +115,7 @@ class Neighbours:
         for index in changed:
             trajectory = self._guidance.references.trajectory(index)
             if trajectory is not None:
-                self._tracks[index] = track = Track(trajectory)
+                self._tracks[index] = track = PreparedTrajectory(trajectory)
                 self._low[index], self._high[index] = track.low.min(axis=0), track.high.max(axis=0)
         return changed
 
@@ -162,12 +169,12 @@ class Neighbours:
         if np.isnan(place).any():
             return None
         in_the_air = mode in AIRBORNE or bool(place[2] >= self._standing)
-        return Presence(Track(Trajectory.hold(place)), IN_THE_AIR if in_the_air else STANDING, True)
+        return Presence(PreparedTrajectory(Trajectory.hold(place)), IN_THE_AIR if in_the_air else STANDING, True)
 
-    def way(self, index: int, goal: FloatArray | None) -> Track:
+    def way(self, index: int, goal: FloatArray | None) -> PreparedTrajectory:
         """Return the way of drone index from now on to a goal (3,), m; None to land where it is."""
         state = None if self.mode(index) is Mode.FLY else self.state[index]
-        return Track(self._guidance.way(index, goal, self.now, state))
+        return PreparedTrajectory(self._guidance.way(index, goal, self.now, state))
 
     def describe(self, conflict: Conflict) -> str:
         """Return a conflict in words."""
@@ -178,10 +185,10 @@ class Neighbours:
     def conflicts(
         self,
         index: int,
-        track: Track,
+        track: PreparedTrajectory,
         until: float = math.inf,
         scale: FloatArray = IN_THE_AIR,
-        instead: Mapping[int, Track] | None = None,
+        instead: Mapping[int, PreparedTrajectory] | None = None,
         without: Collection[int] = (),
     ) -> list[Conflict]:
         """Return who would come too near to robot index on a track, the first at first.
@@ -207,7 +214,7 @@ class Neighbours:
         scales = np.array([np.maximum(scale, there.scale) for _, there in found])
         apart = (track.at(self.now) - np.array([theirs.at(self.now) for theirs in tracks])) * scales
         least = np.minimum(self.required, np.sqrt((apart * apart).sum(axis=1)) - 2.0 * TOLERANCE)
-        distance, time = closest(track, tracks, scales, least + TOLERANCE, self.now, until)
+        distance, time = closest_approaches(track, tracks, scales, least + TOLERANCE, self.now, until)
         conflicts = [
             # who has come to the end of its track by then rests, too
             Conflict(other, float(distance[i]), float(time[i]), there.rests or bool(time[i] >= there.track.times[-1]))
@@ -216,7 +223,9 @@ class Neighbours:
         ]
         return sorted(conflicts, key=lambda conflict: conflict.time)
 
-    def _candidates(self, index: int, track: Track, instead: Mapping[int, Track]) -> Iterator[tuple[int, Presence]]:
+    def _candidates(
+        self, index: int, track: PreparedTrajectory, instead: Mapping[int, PreparedTrajectory]
+    ) -> Iterator[tuple[int, Presence]]:
         """Yield those whose surroundings touch those of a track, and all that would be elsewhere."""
         places = self.places()
         low, high = places, places.copy()
@@ -231,20 +240,20 @@ class Neighbours:
                 yield other, there
         yield from ((other, Presence(theirs, IN_THE_AIR, False)) for other, theirs in instead.items() if other != index)
 
-    def ends(self, index: int) -> list[End]:
+    def ends(self, index: int) -> list[EndPlace]:
         """Return where a robot will stay, or may."""
         mode, own = self.mode(index), index < self.count
         track = self._tracks[index] if mode is Mode.FLY else None
         if track is not None and self._guidance.landing[index]:
-            return [End(np.array([*track.end[:2], self._guidance.ground[index]]), STANDING, "lands")]
+            return [EndPlace(np.array([*track.end[:2], self._guidance.ground[index]]), STANDING, "lands")]
         if track is not None:
-            return [End(track.end, IN_THE_AIR, "rests" if self._guidance.references.at_rest[index] else "goes")]
+            return [EndPlace(track.end, IN_THE_AIR, "rests" if self._guidance.references.at_rest[index] else "goes")]
         ends = []
         goal = self._guidance.goal(index) if own and self._supervisor.requested[index] else None
         if goal is not None and mode not in AIRBORNE:
-            ends.append(End(goal, IN_THE_AIR, "goes"))
+            ends.append(EndPlace(goal, IN_THE_AIR, "goes"))
         place = self.place(index)
         in_the_air = mode in AIRBORNE or bool(place[2] >= self._standing)
         if np.isnan(place).any() or (in_the_air and own and mode is Mode.IDLE):
             return ends  # somebody else flies it, who knows where
-        return [*ends, End(place, IN_THE_AIR if in_the_air else STANDING, "rests" if in_the_air else "stands")]
+        return [*ends, EndPlace(place, IN_THE_AIR if in_the_air else STANDING, "rests" if in_the_air else "stands")]

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.flight.path_limits import HORIZONTAL, VERTICAL, Asked, Box, PathLimits
+from flatsat_ros.flight.path_limits import HORIZONTAL, VERTICAL, Demand, PathLimits, ReferenceBox
 from flatsat_ros.flight.pieces import (
     BERNSTEIN,
     NODES,
@@ -33,7 +33,7 @@ from flatsat_ros.flight.pieces import (
     constant,
     derived,
     integrated,
-    joined,
+    of_all_axes,
     value,
 )
 from flatsat_ros.flight.trajectory import SIZE, Trajectory, quintic
@@ -65,7 +65,7 @@ def path_to(
     goal: FloatArray,
     start: float,
     limits: PathLimits,
-    box: Box,
+    box: ReferenceBox,
     yaw: float = 0.0,
     *,
     wait: bool = False,
@@ -89,7 +89,7 @@ def path_to(
             (VERTICAL, goal[2:], limits.vertical),
         )
     ]
-    return joined(parts, start, yaw)
+    return of_all_axes(parts, start, yaw)
 
 
 class _Walls(NamedTuple):
@@ -109,7 +109,7 @@ class _Change(NamedTuple):
     cruise_time: float  # s
 
 
-def _to_rest(motion: FloatArray, goal: FloatArray, limits: PathLimits, asked: Asked, walls: _Walls) -> Part:
+def _to_rest(motion: FloatArray, goal: FloatArray, limits: PathLimits, asked: Demand, walls: _Walls) -> Part:
     """Return the path of some axes; the arguments are those of `path_to`, (4, d) and (d,)."""
     if asked.drag > 0.0:
         limits = limits.slower(_CRUISE * asked.most / asked.drag)
@@ -146,7 +146,7 @@ def _aside(part: Part, start: FloatArray, goal: FloatArray) -> float:
 
 
 def _straight(
-    motion: FloatArray, goal: FloatArray, limits: PathLimits, asked: Asked, walls: _Walls
+    motion: FloatArray, goal: FloatArray, limits: PathLimits, asked: Demand, walls: _Walls
 ) -> tuple[float, Part]:
     """Return the path to a goal without a rest on the way, and by how much it exceeds its limits."""
     if not motion[1:].any() and not (np.abs(np.nan_to_num(goal - motion[0])) >= _STILL).any():  # it is there, at rest
@@ -182,7 +182,7 @@ def _straight(
     return change.excess, Part(np.cumsum(lengths), np.array([*pieces, constant(place)[0]]))
 
 
-def _change(motion: FloatArray, goal: FloatArray, limits: PathLimits, asked: Asked, walls: _Walls) -> _Change:
+def _change(motion: FloatArray, goal: FloatArray, limits: PathLimits, asked: Demand, walls: _Walls) -> _Change:
     """Return the change with the shortest T that keeps all limits, or the one that exceeds them least."""
     p0, v0, a0, j0 = motion
     t = _DURATIONS[:, np.newaxis]
@@ -224,7 +224,7 @@ def _change(motion: FloatArray, goal: FloatArray, limits: PathLimits, asked: Ask
     return _Change(float(excess[best]), motion, duration, cruise[best], cruise_time)
 
 
-def _settled(motion: FloatArray, limits: PathLimits, asked: Asked) -> tuple[float, FloatArray]:
+def _settled(motion: FloatArray, limits: PathLimits, asked: Demand) -> tuple[float, FloatArray]:
     """Return the shortest piece (8, d) that ends without acceleration and jerk, and its length, s."""
     place, v0, a0, j0 = motion
     t = _DURATIONS[:, np.newaxis]

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.certificate.flight import Flight
+from flatsat_ros.certificate.flight import FlightSection
 from flatsat_ros.law.input_set import InputSet
 
 # the axes that are planned together
@@ -26,7 +26,7 @@ _KEPT = 0.97
 _TOLERANCE = 0.02  # relative: their limits are looked at in points
 
 
-class Asked(NamedTuple):
+class Demand(NamedTuple):
     """What the law may be asked for by the motion of some axes: f = r + lead r', r = a + drag v (`flight.preview`).
 
     Attributes:
@@ -57,8 +57,8 @@ class PathLimits:
         acceleration: m/s^2, beside what the law may be asked for.
     """
 
-    horizontal: Asked
-    vertical: Asked
+    horizontal: Demand
+    vertical: Demand
     speed: float = 1.0
     jerk: float = 2.0
     snap: float = 20.0
@@ -79,16 +79,16 @@ class PathLimits:
         vertical = _VERTICAL * (limits.inner_radius - margin)
         cone = ((g - vertical) * math.sin(tilt) - margin) / math.cos(tilt)
         sphere = math.sqrt((limits.thrust_max - margin) ** 2 - (g + vertical) ** 2)
-        return cls(Asked(min(cone, sphere)), Asked(vertical), speed)
+        return cls(Demand(min(cone, sphere)), Demand(vertical), speed)
 
     @classmethod
-    def assumed(cls, limits: InputSet, speed: float, flight: Flight) -> PathLimits:
+    def assumed(cls, limits: InputSet, speed: float, flight: FlightSection) -> PathLimits:
         """Return limits within what a flight section assumes of references."""
         found, most = cls.within(flight.room(limits), speed, flight.margin), flight.assumptions
         sides, upright = (axis.design.model for axis in flight.axes)
         return cls(
-            Asked(_KEPT * found.horizontal.most, sides.drag + sides.tilt, sides.lead),
-            Asked(_KEPT * found.vertical.most, upright.drag + upright.tilt, upright.lead),
+            Demand(_KEPT * found.horizontal.most, sides.drag + sides.tilt, sides.lead),
+            Demand(_KEPT * found.vertical.most, upright.drag + upright.tilt, upright.lead),
             speed,
             _KEPT * most.jerk,
             _KEPT * most.snap,
@@ -110,7 +110,7 @@ class PathLimits:
         return replace(self, speed=min(self.speed, speed))
 
 
-class Box(NamedTuple):
+class ReferenceBox(NamedTuple):
     """The room for references: low <= position <= high, (3,) each, m, world frame."""
 
     low: FloatArray

@@ -63,7 +63,7 @@ def _moved(coefficients: FloatArray, t: float) -> FloatArray:
     return np.asarray(shift @ coefficients)
 
 
-def joined(parts: Sequence[Part], start: float, yaw: float) -> Trajectory:
+def of_all_axes(parts: Sequence[Part], start: float, yaw: float) -> Trajectory:
     """Return the trajectory whose axes are those of the parts, in their order."""
     ends = np.unique(np.concatenate([part.ends for part in parts]))
     begins = np.concatenate([[0.0], ends[:-1]]) if ends.size else np.zeros(0)

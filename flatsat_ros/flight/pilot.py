@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from flatsat_ros.base.arrays import FloatArray, finite_array
 from flatsat_ros.base.errors import FlatsatError, require_positive
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.flight.battery import Charge, Limits
+from flatsat_ros.flight.battery import Charge, VoltageLimits
 from flatsat_ros.flight.clearance import Cause
 from flatsat_ros.flight.modes import AIRBORNE, Mode
 from flatsat_ros.flight.parts import put_together
@@ -267,7 +267,7 @@ class Pilot:
         """Store a pose of drone index; see `Estimator.measure`."""
         return self.estimator.measure(index, stamp, position, quaternion, now)
 
-    def note_battery(self, index: int, voltage: float, limits: Limits, now: float) -> None:
+    def note_battery(self, index: int, voltage: float, limits: VoltageLimits, now: float) -> None:
         """Take in a battery voltage, V, of drone index; an empty one makes it land, see `flight.battery`."""
         finding = self.batteries.measure(index, voltage, limits, now)
         self.clearance.bar(index, Cause.BATTERY, self.batteries.refusal(index))

@@ -32,7 +32,7 @@ _SAME_EVENT = 1.0
 _QUATERNION_TOLERANCE = 0.1
 
 
-class Fault(Enum):
+class PoseRefusal(Enum):
     """Why a pose is refused; the value is what a person is told, None for what happens all the time."""
 
     OLD = None  # a duplicate, or out of order
@@ -69,7 +69,7 @@ class PoseScreen:
         acceleration: Sequence[float],
         estimate: Sequence[float],
         airborne: bool,
-    ) -> tuple[Fault, tuple[float | str, ...]] | None:
+    ) -> tuple[PoseRefusal, tuple[float | str, ...]] | None:
         """Return why a pose of drone index cannot be true, with what its text needs; None if it can.
 
         Args:
@@ -85,22 +85,22 @@ class PoseScreen:
         """
         x, y, z = position
         if not abs(x) + abs(y) + abs(z) <= _FARTHEST or not math.isfinite(stamp):
-            return Fault.NOT_FINITE, ()
+            return PoseRefusal.NOT_FINITE, ()
         if stamp > now + _AHEAD:
-            return Fault.AHEAD, (stamp - now,)
+            return PoseRefusal.AHEAD, (stamp - now,)
         if stamp <= newest:
-            return Fault.OLD, ()
+            return PoseRefusal.OLD, ()
         if not any(position) and not any(quaternion):
-            return Fault.LOST, ()
+            return PoseRefusal.LOST, ()
         place = (x, y, z)
         still = self._stillness.look(index, stamp, place, acceleration, estimate, airborne)
         if still is not None and still.limit:
-            return Fault.STILL, ("xyz"[still.axis], still.lasted, still.limit)
+            return PoseRefusal.STILL, ("xyz"[still.axis], still.lasted, still.limit)
         if place != self._last[index]:
             self._last[index], self._since[index], self._old[index] = place, stamp, False
-            return None if still is None else (Fault.OLD, ())
+            return None if still is None else (PoseRefusal.OLD, ())
         if not airborne:
-            return (Fault.REPEATED, ()) if self._old[index] else None
+            return (PoseRefusal.REPEATED, ()) if self._old[index] else None
         lasted, commanded = stamp - self._since[index], math.hypot(*acceleration)
         if self._stillness.is_fine(index):
             moves = math.hypot(*estimate[3:6]) > _MOVES
@@ -109,10 +109,10 @@ class PoseScreen:
             moves = self._stillness.has_moved(index, stamp)
             self._old[index] |= moves and lasted >= REPEATED[0][0]
         if self._old[index]:
-            return Fault.REPEATED, ()
-        return (Fault.OLD, ()) if moves else None
+            return PoseRefusal.REPEATED, ()
+        return (PoseRefusal.OLD, ()) if moves else None
 
-    def complain(self, index: int, fault: Fault, now: float, *values: float | str) -> None:
+    def complain(self, index: int, fault: PoseRefusal, now: float, *values: float | str) -> None:
         """Remember to tell about a refused pose, with the values of its text, once per event."""
         if fault.value is not None:
             self._tell(index, fault.name, fault.value.format(*values), now)

@@ -9,7 +9,7 @@ import numpy as np
 
 from flatsat_ros.base.errors import require, require_fields, require_not_negative, require_number, require_positive
 from flatsat_ros.flight.estimator import PREDICTION_MAX
-from flatsat_ros.flight.path_limits import Box
+from flatsat_ros.flight.path_limits import ReferenceBox
 
 
 class GoalMode(str, Enum):
@@ -91,7 +91,7 @@ class Policy:
             require(bottom < top, "walls", self.walls, "m", f"x_min, y_min, x_max, y_max with {names} in rising order")
 
     @property
-    def box(self) -> Box:
+    def box(self) -> ReferenceBox:
         """The room for references."""
         x_min, y_min, x_max, y_max = self.walls
-        return Box(np.array([x_min, y_min, self.floor]), np.array([x_max, y_max, self.ceiling]))
+        return ReferenceBox(np.array([x_min, y_min, self.floor]), np.array([x_max, y_max, self.ceiling]))

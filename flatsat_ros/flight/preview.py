@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray, all_of
-from flatsat_ros.certificate.flight import Flight
+from flatsat_ros.certificate.flight import FlightSection
 from flatsat_ros.certificate.flight_plant import Design
 from flatsat_ros.certificate.lyapunov import bernstein_coefficients
 from flatsat_ros.flight.references import References
@@ -55,8 +55,8 @@ class Preview:
 _EXPONENTS = np.arange(SIZE)
 
 
-def needed_margin(path: Trajectory, limits: InputSet, flight: Flight) -> float:
-    """Return a lower bound of the distance of f to the boundary of `Flight.room` along a trajectory, m/s^2.
+def needed_margin(path: Trajectory, limits: InputSet, flight: FlightSection) -> float:
+    """Return a lower bound of the distance of f to the boundary of `FlightSection.room` along a trajectory, m/s^2.
 
     With the margin of the certificate every applied gain is at least 1. f is a polynomial on each segment, so that
     control points bound it as they bound accelerations. Where the models' delays differ, the vertical part is of
@@ -92,7 +92,7 @@ def asked_of_the_law(path: Trajectory, drag: Sequence[float], lead: Sequence[flo
     return f
 
 
-def led_for(flight: Flight) -> tuple[tuple[float, float], tuple[float, float]]:
+def led_for(flight: FlightSection) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return drag, 1/s, and lead, s, of the models that references are led for, horizontal and vertical."""
     sides, upright = (axis.design.model for axis in flight.axes)
     return (sides.drag + sides.tilt, upright.drag + upright.tilt), (sides.lead, upright.lead)

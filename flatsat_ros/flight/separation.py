@@ -44,7 +44,7 @@ _SHARES = _POWERS[:, np.newaxis] / _DEGREE
 _TINY = 1e-300
 
 
-class Track:
+class PreparedTrajectory:
     """A trajectory prepared for distances: rest before its start, its segments, rest after its end.
 
     Attributes:
@@ -89,8 +89,13 @@ def _control(coefficients: FloatArray, begins: FloatArray, lengths: FloatArray) 
     return np.asarray(_CONTROL @ (powers * (lengths[:, np.newaxis] ** _POWERS)[..., np.newaxis]))
 
 
-def closest(
-    own: Track, others: Sequence[Track], scales: FloatArray, enough: FloatArray, now: float, until: float = math.inf
+def closest_approaches(
+    own: PreparedTrajectory,
+    others: Sequence[PreparedTrajectory],
+    scales: FloatArray,
+    enough: FloatArray,
+    now: float,
+    until: float = math.inf,
 ) -> tuple[FloatArray, FloatArray]:
     """Return how near one reference comes to K others, and when.
 
@@ -134,7 +139,7 @@ def closest(
 
 
 def _stretches(
-    own: Track, other: Track, scale: FloatArray, enough: float, now: float, until: float
+    own: PreparedTrajectory, other: PreparedTrajectory, scale: FloatArray, enough: float, now: float, until: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the difference of two references on the stretches where their boxes are near.
 

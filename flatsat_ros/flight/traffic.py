@@ -29,7 +29,7 @@ from flatsat_ros.flight.landings import Landings
 from flatsat_ros.flight.modes import AIRBORNE, Mode, Transition
 from flatsat_ros.flight.neighbours import Conflict, Neighbours
 from flatsat_ros.flight.policy import GoalMode, Policy
-from flatsat_ros.flight.separation import IN_THE_AIR, Track
+from flatsat_ros.flight.separation import IN_THE_AIR, PreparedTrajectory
 from flatsat_ros.flight.supervisor import Supervisor
 from flatsat_ros.flight.tick import Report
 from flatsat_ros.flight.trajectory import Trajectory
@@ -157,7 +157,7 @@ class Traffic:
             FlatsatError: another drone rests, stands or lands there.
         """
         if self._neighbours.mode(index) is Mode.FLY and self._must_check():
-            track = Track(self._guidance.way(index, None, self._neighbours.now))
+            track = PreparedTrajectory(self._guidance.way(index, None, self._neighbours.now))
             self._require_clear([conflict for conflict in self._neighbours.conflicts(index, track) if conflict.rests])
         self.withdraw(index)
 
@@ -180,7 +180,7 @@ class Traffic:
 
     def _admit(self, index: int, trajectory: Trajectory, without: Collection[int]) -> None:
         if self._must_check():
-            track, now = Track(trajectory), self._neighbours.now
+            track, now = PreparedTrajectory(trajectory), self._neighbours.now
             conflicts = self._neighbours.conflicts(index, track, without=without)
             self._require_clear([conflict for conflict in conflicts if not conflict.rests])
             if conflicts:

@@ -16,7 +16,7 @@ from scipy.stats import chi
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.identification.fit import Fit
-from flatsat_ros.identification.residuals import EVERY, REACH, Flight
+from flatsat_ros.identification.residuals import EVERY, REACH, ComparedFlight
 from flatsat_ros.identification.screening import STEP
 
 _APART = 2  # residuals, EVERY samples apart, between which the rate is taken
@@ -24,7 +24,7 @@ BANDWIDTH = 0.3189 / (REACH * STEP)  # Hz, where a mean weighted by a triangle o
 
 
 def disturbances(
-    flights: Sequence[Flight], found: Fit, slowing: FloatArray | None = None, thrust_full: float | None = None
+    flights: Sequence[ComparedFlight], found: Fit, slowing: FloatArray | None = None, thrust_full: float | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Return what is left of the acceleration, and how it changes.
 

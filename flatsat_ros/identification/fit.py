@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.identification.residuals import Flight, Misfit, misfit
+from flatsat_ros.identification.residuals import ComparedFlight, Misfit, misfit
 from flatsat_ros.identification.response import Figures
 from flatsat_ros.identification.screening import STEP
 
@@ -83,7 +83,7 @@ class Fit:
         return math.sqrt(max(float(np.array(row) @ self.covariance @ np.array(row)), 0.0)) if row else 0.0
 
 
-def excited(flights: Sequence[Flight]) -> tuple[str, ...]:
+def excited(flights: Sequence[ComparedFlight]) -> tuple[str, ...]:
     """Return the names of the figures on which the flights depend enough to be told."""
     names: set[str] = set()
     for flight in flights:
@@ -106,7 +106,7 @@ def excited(flights: Sequence[Flight]) -> tuple[str, ...]:
 
 
 def fit(
-    flights: Sequence[Flight],
+    flights: Sequence[ComparedFlight],
     begin: Figures,
     free: Sequence[str],
     *,
@@ -155,7 +155,7 @@ def fit(
 class _Problem:
     """Least squares over the free figures: those in common, then a delay for each flight."""
 
-    def __init__(self, flights: Sequence[Flight], begin: Figures, free: tuple[str, ...]) -> None:
+    def __init__(self, flights: Sequence[ComparedFlight], begin: Figures, free: tuple[str, ...]) -> None:
         self._flights, self._begin = flights, begin
         self._names = [name for name in COMMON if name in free]
         self._delays = "delay" in free

@@ -26,7 +26,7 @@ from flatsat_ros.base.errors import FlatsatError, require
 from flatsat_ros.crazyflie.intervals import Intervals
 from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile
 from flatsat_ros.identification.fit import BLOCK, BOUNDS, Fit, excited, fit
-from flatsat_ros.identification.residuals import EVERY, REACH, Flight
+from flatsat_ros.identification.residuals import EVERY, REACH, ComparedFlight
 from flatsat_ros.identification.response import Figures
 from flatsat_ros.identification.screening import STEP, Samples
 
@@ -83,7 +83,7 @@ class Identified:
         pose_noise: standard deviation of a measured coordinate, m, the largest of the flights.
     """
 
-    flights: tuple[Flight, ...]
+    flights: tuple[ComparedFlight, ...]
     common: Fit
     figures: Mapping[str, Figure]
     noise: FloatArray
@@ -117,8 +117,8 @@ def identify(
         FlatsatError: a flight is there twice, or too short to be compared.
     """
     _require_different(samples)
-    flights = [Flight.of(each) for each in samples]
-    free, begin = excited(flights), figures_of(base)
+    flights = [ComparedFlight.of(each) for each in samples]
+    free, begin = excited(flights), profile_figures(base)
     common = fit(flights, begin, free, advance=lambda: advance("fitting all flights"))
     told = [name for name in free if name not in NAMES or _is_sharp(name, common, base.pwm_max)]
     if len(told) < len(free):  # what the flights do not tell must not bend the rest
@@ -183,7 +183,7 @@ def profile_of(identified: Identified, base: VehicleProfile, name: str) -> Vehic
         raise FlatsatError(f"the drone of these flights makes no profile: {error}") from error
 
 
-def figures_of(base: VehicleProfile) -> Figures:
+def profile_figures(base: VehicleProfile) -> Figures:
     """Return the figures of a profile, its attitude as of second order."""
     dynamics = base.dynamics
     return Figures(

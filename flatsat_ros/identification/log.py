@@ -25,7 +25,7 @@ ROWS = 500_000
 
 
 @dataclass(frozen=True, eq=False)
-class Flown:
+class ClaimedFlight:
     """What our controller claimed and how it went, tick by tick.
 
     Attributes:
@@ -70,7 +70,7 @@ class FlightLog:
     voltage_time: FloatArray
     voltage: FloatArray
     damaged: int = 0
-    flown: Flown | None = None
+    flown: ClaimedFlight | None = None
     arrived: FloatArray | None = None
 
     def __post_init__(self) -> None:

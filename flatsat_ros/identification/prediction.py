@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.crazyflie.vehicle import PWM_FULL
-from flatsat_ros.identification.response import Figures, delayed, lagging
+from flatsat_ros.identification.response import Figures, delayed_mean, lagging
 from flatsat_ros.identification.screening import STEP, Samples
 
 # the state: position, velocity, roll and pitch, their rates, marker frame, push; then full thrust, tilt with the
@@ -68,7 +68,7 @@ class _Inputs:
         command, thrust, heading, measured, usable = (np.zeros((rows, count, size)) for size in sizes)
         for k, samples in enumerate(flights):
             end = len(samples.position)
-            late = delayed(samples.command, figures.delay)
+            late = delayed_mean(samples.command, figures.delay)
             yaw = np.nan_to_num(samples.angles[:, 2])
             command[:end, k] = late[:, :2]
             lifts = lagging(late[:, 2] / PWM_FULL, figures)

@@ -16,7 +16,7 @@ from flatsat_ros.base.files import replacing
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.identification.disturbances import BANDWIDTH, disturbances, shared
 from flatsat_ros.identification.identified import Identified
-from flatsat_ros.identification.residuals import REACH, Flight
+from flatsat_ros.identification.residuals import REACH, ComparedFlight
 from flatsat_ros.identification.residuals import Misfit as Residuals
 from flatsat_ros.identification.response import respond
 from flatsat_ros.identification.screening import STEP, Samples
@@ -98,7 +98,7 @@ def draw(identified: Identified, target: Path) -> None:
         figure.savefig(file, dpi=110)
 
 
-def _flight(row: np.ndarray, flight: Flight, found: Residuals, identified: Identified, number: int) -> None:
+def _flight(row: np.ndarray, flight: ComparedFlight, found: Residuals, identified: Identified, number: int) -> None:
     """Roll, pitch, and the unexplained acceleration of a flight."""
     samples = flight.motion.samples
     tilt, _ = respond(flight.motion, identified.common.of(number))

@@ -23,7 +23,7 @@ EVERY = 5  # samples between the residuals that are used
 
 
 @dataclass(frozen=True, eq=False)
-class Flight:
+class ComparedFlight:
     """What of a flight does not depend on the figures.
 
     Attributes:
@@ -43,7 +43,7 @@ class Flight:
     pushed: FloatArray
 
     @classmethod
-    def of(cls, samples: Samples) -> Flight:
+    def of(cls, samples: Samples) -> ComparedFlight:
         """Prepare a flight."""
         motion, usable, place = motion_of(samples), samples.usable, samples.position
         whole = np.convolve(usable, np.ones(2 * REACH + 1), mode="valid") > 2 * REACH + 0.5
@@ -78,7 +78,7 @@ class Misfit:
         return np.concatenate([self.attitude.ravel() / attitude, self.position.ravel() / position])
 
 
-def misfit(flight: Flight, figures: Figures) -> Misfit:
+def misfit(flight: ComparedFlight, figures: Figures) -> Misfit:
     """Return measured less simulated for a flight, with its own thrust, frame and trim found by least squares."""
     tilt, thrust = respond(flight.motion, figures)
     turned = flight.motion.samples.angles[flight.attitude_at, :2] - tilt[flight.attitude_at]

@@ -83,7 +83,7 @@ def motion_of(samples: Samples) -> Motion:
 
 def respond(motion: Motion, figures: Figures) -> tuple[FloatArray, FloatArray]:
     """Return how a drone with these figures answers the commands of a flight: tilt (M, 2), rad, and T / T_full (M,)."""
-    command = delayed(motion.samples.command, figures.delay)
+    command = delayed_mean(motion.samples.command, figures.delay)
     goal = figures.attitude_gain * command[:, :2] + figures.velocity_tilt * motion.lean
     numerator, denominator = _second_order(figures.natural_frequency, figures.damping)
     tilt = lfilter(numerator, denominator, goal, axis=0)
@@ -110,7 +110,7 @@ def lagging(command: FloatArray, figures: Figures) -> FloatArray:
     return np.asarray(thrust)
 
 
-def delayed(command: FloatArray, delay: float) -> FloatArray:
+def delayed_mean(command: FloatArray, delay: float) -> FloatArray:
     """Return held commands (M, 3) a time later, s, as the mean over a STEP of what was held then."""
     whole = math.floor(delay / STEP)
     share = delay / STEP - whole

@@ -15,7 +15,7 @@ import numpy as np
 from flatsat_ros.identification.disturbances import BANDWIDTH, disturbances, shared
 from flatsat_ros.identification.fit import Fit
 from flatsat_ros.identification.identified import width_between
-from flatsat_ros.identification.residuals import Flight
+from flatsat_ros.identification.residuals import ComparedFlight
 
 # unit, and the standard deviation between 54 flights of one Crazyflie 2.1 on several days: of the angles, deg, of the
 # others' logarithm
@@ -46,7 +46,7 @@ class Surrounding:
     flights: int
 
 
-def surroundings(flights: Sequence[Flight], found: Fit) -> list[Surrounding]:
+def surroundings(flights: Sequence[ComparedFlight], found: Fit) -> list[Surrounding]:
     """Return what flights show beside the figures of their fit."""
     frames = np.rad2deg([each.frame for each in found.misfits])
     result = [_told(name, "deg", frames[:, k], usual) for k, (name, usual) in enumerate(_FRAME.items())]

@@ -23,7 +23,7 @@ from flatsat_ros.crazyflie.intervals import Interval, Intervals
 from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile
 from flatsat_ros.identification.disturbances import BANDWIDTH, blur, disturbances, shared
 from flatsat_ros.identification.identified import NAMES, Identified
-from flatsat_ros.identification.log import FlightLog, Flown, ages
+from flatsat_ros.identification.log import ClaimedFlight, FlightLog, ages
 
 SUPPORTS, CONTRADICTS, SILENT = "supports", "contradicts", "silent"
 COVERED = 0.999  # share of the samples that must keep a bound
@@ -127,7 +127,7 @@ def _blurred(identified: Identified) -> tuple[float, float]:
     return blur(0.0 if math.isnan(identified.pose_noise) else identified.pose_noise, COVERED)
 
 
-def _tube(flown: Sequence[Flown], tube: tuple[float, float]) -> Iterator[Verdict]:
+def _tube(flown: Sequence[ClaimedFlight], tube: tuple[float, float]) -> Iterator[Verdict]:
     """Judge the tube by the ticks in which our controller claimed it, with a certificate that has the same one."""
     error, certified, claimed = (
         np.concatenate([getattr(each, name) for each in flown]) for name in ("error", "tube", "claimed")

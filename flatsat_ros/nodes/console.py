@@ -27,8 +27,8 @@ from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.nodes.ros import cdr, interfaces, messages
 from flatsat_ros.nodes.ros.parameters import declare, require_known_parameters, require_robot_names
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
-from flatsat_ros.viewing.page import console, plain
-from flatsat_ros.viewing.server import ConsoleServer, Stream
+from flatsat_ros.viewing.page import json_value, page_of_console
+from flatsat_ros.viewing.server import Broadcast, ConsoleServer
 
 NODE = "flatsat_console"
 _PERIOD = 0.05  # s, between two pictures
@@ -66,8 +66,8 @@ class Console(ProgramNode):
         self._waiting: list[Callable[[], bool]] = []  # each tells whether it has been done
         self._waiting_timer: Timer | None = None
         self._hear(interfaces.SETUP, interfaces.SETUP.suffix, self._on_setup)
-        self._stream = Stream(self._on_followed)
-        self._server = ConsoleServer(port, console(), self._stream, self._command)
+        self._stream = Broadcast(self._on_followed)
+        self._server = ConsoleServer(port, page_of_console(), self._stream, self._command)
         # pages that wait for a console connect at once: they are answered when this node's callbacks run
         self._serving = self.create_timer(_LOOK, self._serve)
         self.get_logger().info(f"open {self._server.address} in a browser on this machine")
@@ -175,7 +175,7 @@ class Console(ProgramNode):
             drones.append(drone)
         lines = {"began": self._began, "lines": list(self._lines)}
         picture = {"time": time.time(), "setup": self._setup, "drones": drones, **lines}
-        self._stream.publish(json.dumps(plain(picture), allow_nan=False).encode())
+        self._stream.publish(json.dumps(json_value(picture), allow_nan=False).encode())
 
     # what is asked for
 

@@ -26,7 +26,7 @@ from flatsat_ros.nodes.commands import Commands
 from flatsat_ros.nodes.controller_setup import declare_setup
 from flatsat_ros.nodes.crazyswarm import HAND_OVER_FORCE, SETTLING_TIME, DroneLink
 from flatsat_ros.nodes.drone_status import DroneStatus
-from flatsat_ros.nodes.flight_report import FlightLog, report_flight
+from flatsat_ros.nodes.flight_report import ThrottledLog, report_flight
 from flatsat_ros.nodes.flight_services import FlightServices
 from flatsat_ros.nodes.markers import Markers
 from flatsat_ros.nodes.other_robots import OtherRobots, declare_others
@@ -35,7 +35,7 @@ from flatsat_ros.nodes.pose_sources import PoseSources, declare_pose_source
 from flatsat_ros.nodes.reference_topics import ReferenceTopics
 from flatsat_ros.nodes.rivals import Rivals
 from flatsat_ros.nodes.ros import interfaces, messages
-from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, Report
+from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, RobotCondition
 from flatsat_ros.nodes.ros.parameters import declare, require_known_parameters
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 from flatsat_ros.nodes.setup_report import SetupReport
@@ -73,7 +73,7 @@ class ControllerNode(ProgramNode):
         self._commands = Commands(self, self.robots, setup.vehicles, self._backends.of, setup.yaw_mode)
         self._broken = False  # the common step has failed
         self._ticked = self._stamps.now  # s, when the last tick was
-        self._log = FlightLog(self.get_logger())
+        self._log = ThrottledLog(self.get_logger())
         self._durations: list[float] = []
         self._last: Tick | None = None
         self._telemetry = messages.telemetry_message()
@@ -304,7 +304,7 @@ class ControllerNode(ProgramNode):
     def _newest(self) -> tuple[Tick, np.ndarray] | None:
         return None if self._last is None else (self._last, self._pilot.places)
 
-    def _report(self, _: int) -> list[Report]:
+    def _report(self, _: int) -> list[RobotCondition]:
         """Return how every drone is; nothing of those of which nothing is known before the first tick."""
         durations, self._durations = np.array(self._durations or [0.0]), []
         self._look_at_clock()
@@ -313,7 +313,7 @@ class ControllerNode(ProgramNode):
         for index, robot in enumerate(self.robots):
             values: dict[str, object] = {"refused": self.faults.count(robot), "last refusal": self.faults.newest(robot)}
             if self._commands.last_resort.since[index] is not None:
-                reports.append(Report(robot, robot, Level.ERROR, f"LAST RESORT: {_BROKEN}", values))
+                reports.append(RobotCondition(robot, robot, Level.ERROR, f"LAST RESORT: {_BROKEN}", values))
             elif self._last is not None:
                 values |= {"tick median us": f"{np.median(durations):.0f}", "tick max us": f"{durations.max():.0f}"}
                 with self.faults.contain(f"{robot}/report"):

@@ -42,7 +42,7 @@ def message_types() -> Any | None:
         return None
 
 
-def status_topic() -> interfaces.Topic | None:
+def installed_status_topic() -> interfaces.Topic | None:
     """Return the topic of crazyswarm2's status messages, None where crazyflie_interfaces is not installed."""
     kinds = message_types()
     return None if kinds is None else interfaces.status_topic(kinds.Status)

@@ -32,7 +32,7 @@ class DroneStatus:
         """
         self._robots, self._vehicles, self._take_voltage = list(robots), list(vehicles), take_voltage
         self._armed: list[bool | None] = [None] * len(self._robots)  # None: it has not said
-        for topic in filter(None, (interfaces.BATTERY, crazyswarm.status_topic())):
+        for topic in filter(None, (interfaces.BATTERY, crazyswarm.installed_status_topic())):
             for index, robot in enumerate(robots):
                 node.create_subscription(topic.kind, topic.of(robot), partial(self.take, index), topic.subscribe)
 

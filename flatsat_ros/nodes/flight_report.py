@@ -12,7 +12,7 @@ from flatsat_ros.flight.battery import Charge
 from flatsat_ros.flight.modes import Event, Mode, Transition
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.tick import Tick
-from flatsat_ros.nodes.ros.diagnostics import Level, Report
+from flatsat_ros.nodes.ros.diagnostics import Level, RobotCondition
 from flatsat_ros.nodes.ros.throttle import Throttle
 
 # modes that no drone enters by anybody's wish
@@ -24,7 +24,7 @@ _LOST = {event.value for event in (Event.TAKE_OFF_LOST, Event.UNHEARD, Event.POS
 _SILENCE, _CLOCK_SILENCE = 1.0, 10.0
 
 
-class FlightLog:
+class ThrottledLog:
     """Lines of the log, each kind of line about a drone at most once a second."""
 
     def __init__(self, logger: RcutilsLogger, clock: Callable[[], float] = time.monotonic) -> None:
@@ -70,7 +70,7 @@ class FlightLog:
 
 def report_flight(
     robot: str, index: int, pilot: Pilot, tick: Tick, now: float, rivals: str, values: dict[str, object]
-) -> Report:
+) -> RobotCondition:
     """Return the status of one drone.
 
     Args:
@@ -103,4 +103,4 @@ def report_flight(
     bad = mode in _TROUBLE or rivals or charge is Charge.EMPTY
     level = Level.ERROR if bad else Level.WARN if outside or battery else Level.OK
     text = ": ".join(filter(None, (mode.name, outside, battery, rivals)))
-    return Report(robot, robot, level, text, figures | values)
+    return RobotCondition(robot, robot, level, text, figures | values)

@@ -8,7 +8,7 @@ from typing import TypeVar
 from std_srvs.srv import SetBool, Trigger
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.nodes.flight_report import FlightLog
+from flatsat_ros.nodes.flight_report import ThrottledLog
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.runtime import ProgramNode
 
@@ -24,7 +24,7 @@ class FlightServices:
         robots: Sequence[str],
         actions: Mapping[str, Callable[[int], str | None]],
         arm: Callable[[int, bool], str | None],
-        log: FlightLog,
+        log: ThrottledLog,
         breathe: Callable[[], None],
     ) -> None:
         """Offer the services.

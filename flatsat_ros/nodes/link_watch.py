@@ -22,7 +22,7 @@ from flatsat_ros.crazyflie.link import (
 )
 from flatsat_ros.crazyflie.outbox import Stream
 from flatsat_ros.nodes.ros import interfaces, messages
-from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, Report
+from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, RobotCondition
 from flatsat_ros.nodes.ros.runtime import ProgramNode
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ class LinkWatch:
         if refusal := messages.refusal_from_answer(answer.result()):
             self._logger.error(f"{robot}: does not land: {refusal}")
 
-    def _report(self, _now: int) -> list[Report]:
+    def _report(self, _now: int) -> list[RobotCondition]:
         """Return how every drone is."""
         reports = []
         for link, quality, low_voltage in zip(self._links, self._qualities, self._low_voltages, strict=True):
@@ -95,7 +95,7 @@ class LinkWatch:
                 **{name: f"{value:.4g}" for name, value in dict(link.values).items()},
                 "console": "\n".join(list(link.console)),
             }
-            reports.append(Report(link.robot, link.address.uri, level, text, values))
+            reports.append(RobotCondition(link.robot, link.address.uri, level, text, values))
         return reports
 
 

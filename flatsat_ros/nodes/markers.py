@@ -8,7 +8,7 @@ import numpy as np
 
 from flatsat_ros.base.colours import colour_of
 from flatsat_ros.flight.modes import Mode
-from flatsat_ros.flight.path_limits import Box
+from flatsat_ros.flight.path_limits import ReferenceBox
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.nodes.ros import interfaces
 from flatsat_ros.nodes.ros.marker_messages import Shape, markers_message
@@ -29,7 +29,7 @@ class Markers:
         node: ProgramNode,
         robots: Sequence[str],
         world: str,
-        box: Box,
+        box: ReferenceBox,
         newest: Callable[[], tuple[Tick, np.ndarray] | None],
     ) -> None:
         """Begin to publish.

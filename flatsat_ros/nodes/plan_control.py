@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 from flatsat_ros.base.errors import FlatsatError, quoted
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.tick import Report
-from flatsat_ros.nodes.flight_report import FlightLog
+from flatsat_ros.nodes.flight_report import ThrottledLog
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.parameters import declare
 from flatsat_ros.nodes.ros.runtime import ProgramNode
@@ -61,7 +61,7 @@ class PlanControl:
         pilot: Pilot,
         certificate: str,
         clock: Callable[[], float],
-        log: FlightLog,
+        log: ThrottledLog,
     ) -> None:
         """Load the plan given at the start, if any.
 

@@ -92,7 +92,7 @@ class PoseSources:
         Raises:
             FlatsatError: the type of the source that was asked for is not installed.
         """
-        self.queues: list[deque[bytes | cdr.Pose]] = [deque(maxlen=_POSES_MAX) for _ in robots]
+        self.queues: list[deque[bytes | cdr.StampedPose]] = [deque(maxlen=_POSES_MAX) for _ in robots]
         self._node, self._robots, self._flies = node, list(robots), flies
         self._numbers = {robot: index for index, robot in enumerate(robots)}
         self._world = world
@@ -108,14 +108,14 @@ class PoseSources:
             )
         self._subscribe(source)
 
-    def take(self, index: int) -> cdr.Pose:
+    def take(self, index: int) -> cdr.StampedPose:
         """Return the oldest pose of a drone that was not taken yet.
 
         Raises:
             FlatsatError: it is no pose, or of another frame; it is gone then.
         """
         pose = self.queues[index].popleft()
-        if isinstance(pose, cdr.Pose):
+        if isinstance(pose, cdr.StampedPose):
             return pose
         cdr.require_frame(pose, self._world.encode())
         return cdr.pose_from_cdr(pose)
@@ -197,12 +197,12 @@ class PoseSources:
     def _on_odometry(self, index: int, message: Any) -> None:
         frame, stamp, position, quaternion = messages.odometry_from_message(message)
         cdr.require_world(frame, self._world)
-        self._keep(index, PoseSource.ODOM, cdr.Pose(stamp, position, quaternion))
+        self._keep(index, PoseSource.ODOM, cdr.StampedPose(stamp, position, quaternion))
 
     def _on_bodies(self, source: PoseSource, message: Any) -> None:
         for index, body in self._ours(source, message):
             cdr.require_world(body.frame, self._world)
-            self._keep(index, source, cdr.Pose(body.stamp, body.position, body.quaternion))
+            self._keep(index, source, cdr.StampedPose(body.stamp, body.position, body.quaternion))
 
     def _ours(self, source: PoseSource, message: Any) -> Iterable[tuple[int, messages.Body]]:
         """Return the bodies of a message that are drones, with their numbers."""
@@ -214,7 +214,7 @@ class PoseSources:
             if index is not None and (source is PoseSource.POSES or body.frame in ("", self._world)):
                 yield index, body
 
-    def _keep(self, index: int, source: PoseSource, pose: bytes | cdr.Pose) -> None:
+    def _keep(self, index: int, source: PoseSource, pose: bytes | cdr.StampedPose) -> None:
         """Take in a pose, if it comes from where those of the drone come from."""
         if self._current[index] is None:
             self._current[index] = source

@@ -34,7 +34,7 @@ _SPARE = 64 * 1024 * 1024  # bytes left free on the disk: the bag must still be 
 _DEPTH = 1000  # messages of a topic that may wait
 
 
-class Recorder(ProgramNode):
+class RecorderNode(ProgramNode):
     """One recording.
 
     Attributes:
@@ -168,7 +168,7 @@ def _message_type(name: str) -> Any | None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the recorder."""
-    return run(Recorder, argv)
+    return run(RecorderNode, argv)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from flatsat_ros.crazyflie.fit import LINK_DELAY
 from flatsat_ros.crazyflie.wire import Backend
 from flatsat_ros.nodes import crazyswarm
 from flatsat_ros.nodes.ros import interfaces, messages, server_messages
-from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, Report
+from flatsat_ros.nodes.ros.diagnostics import Diagnostics, Level, RobotCondition
 from flatsat_ros.nodes.ros.parameters import (
     declare,
     declare_robots,
@@ -97,7 +97,7 @@ class SimDrone(ProgramNode):
         self._pose = messages.pose_message()
         self._pose_publishers: list[Publisher] = []
         self._battery_publishers: list[Publisher] = []
-        self._status = crazyswarm.status_topic()
+        self._status = crazyswarm.installed_status_topic()
         self._status_publishers: list[Publisher] = []
         for index, robot in enumerate(self.robots):
             self._connect(index, robot)
@@ -273,7 +273,7 @@ class SimDrone(ProgramNode):
                 status = server_messages.status_message(self._status.kind, now, robot, voltage, info, low)
                 self._status_publishers[index].publish(status)
 
-    def _report(self, _now: int) -> list[Report]:
+    def _report(self, _now: int) -> list[RobotCondition]:
         """Return how every drone is."""
         paused = (self._epoch - self._started) / messages.NANOSECONDS
         infos = {fleet: fleet.firmware.info() for fleet, _ in self._fleets}
@@ -290,7 +290,7 @@ class SimDrone(ProgramNode):
                 "commands ignored": self.faults.count(robot),
                 "paused s": f"{paused:.2f}",
             }
-            reports.append(Report(robot, robot, level, text, values))
+            reports.append(RobotCondition(robot, robot, level, text, values))
         return reports
 
 

@@ -25,7 +25,7 @@ _BODY_MIN = 0.08  # m: nearer to each other than this and their tubes drones do 
 _ROUNDING = 2e-3  # m
 
 
-def planned(move: Move) -> PreparedPlan:
+def first_proved(move: Move) -> PreparedPlan:
     """Return the first proved plan of a move.
 
     Bodies count as those of the plan, or as less where drones stand nearer to each other than these.
@@ -62,7 +62,7 @@ def planned(move: Move) -> PreparedPlan:
 def main() -> None:
     """Plan the move on the standard input."""
     try:
-        found: PreparedPlan | str = planned(pickle.load(sys.stdin.buffer))
+        found: PreparedPlan | str = first_proved(pickle.load(sys.stdin.buffer))
     except FlatsatError as error:
         found = str(error)
     pickle.dump(found, sys.stdout.buffer)

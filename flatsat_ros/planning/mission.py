@@ -17,7 +17,7 @@ from flatsat_ros.base.errors import (
     require_number,
     require_positive,
 )
-from flatsat_ros.certificate.flight import Flight
+from flatsat_ros.certificate.flight import FlightSection
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.plans import Bounds, Box, Curve, Tube
 from flatsat_ros.plans.drone import require_name
@@ -118,7 +118,7 @@ class Mission:
     clearance: float = 0.0
     obstacles: tuple[Box, ...] = ()
     laps: int | None = None
-    proves: Flight | None = None
+    proves: FlightSection | None = None
 
     def __post_init__(self) -> None:
         require_fields(self, require_not_negative, clearance="m")

@@ -18,14 +18,14 @@ _BOX = 100.0  # 1/m^2: a violation of 10 cm weighs like one of 1 m/s^2
 _SKIN = 0.25  # of the distance that two drones keep: so much farther apart they are in the list of who may get near
 
 
-class Charge(NamedTuple):
+class Penalty(NamedTuple):
     """A cost, and its worst violation as a share of the room."""
 
     cost: float
     worst: float
 
 
-class Neighbours:
+class NearPairs:
     """Who may be too near to whom at which sample: found once, and again when drones have moved too far since."""
 
     def __init__(self, distances: FloatArray) -> None:
@@ -41,7 +41,7 @@ class Neighbours:
         self._first = self._second = np.zeros(0, dtype=np.int64)
         self._asked = np.zeros(0)
 
-    def push_apart(self, positions: FloatArray, room: float, slopes: FloatArray) -> Charge:
+    def push_apart(self, positions: FloatArray, room: float, slopes: FloatArray) -> Penalty:
         """Charge for pairs nearer than their distance and the room at samples (S, 3, N): the mean of (d0 - |D|)^2."""
         places = np.ascontiguousarray(positions.transpose(0, 2, 1))
         self._renew(places, room)
@@ -58,7 +58,7 @@ class Neighbours:
             gradient[:, axis] = np.bincount(first, push[:, axis], len(flat))
             gradient[:, axis] -= np.bincount(second, push[:, axis], len(flat))
         slopes[:] = gradient.reshape(places.shape).transpose(0, 2, 1)
-        return Charge(float(depth @ depth), float(depth.max(initial=0.0)) / room)
+        return Penalty(float(depth @ depth), float(depth.max(initial=0.0)) / room)
 
     def _renew(self, places: FloatArray, room: float) -> None:
         """Look again who is near whom, if somebody has moved by more than half of the skin."""
@@ -79,7 +79,7 @@ class Neighbours:
 
 def push_away(
     positions: FloatArray, boxes: FloatArray, distances: FloatArray, room: float, slopes: FloatArray
-) -> Charge:
+) -> Penalty:
     """Charge for drones nearer to boxes than their distance and the room, at samples; add the gradient to the slopes.
 
     Args:
@@ -108,20 +108,20 @@ def push_away(
         slopes -= 2.0 * depth * np.where(is_inside, normal, direction)
         cost += float((depth * depth).sum())
         worst = max(worst, float(depth.max(initial=0.0)) / room)
-    return Charge(cost, worst)
+    return Penalty(cost, worst)
 
 
-def keep_box(positions: FloatArray, lower: FloatArray, upper: FloatArray, room: float, slopes: FloatArray) -> Charge:
+def keep_box(positions: FloatArray, lower: FloatArray, upper: FloatArray, room: float, slopes: FloatArray) -> Penalty:
     """Charge for points (K, 3, N) beyond a box with corners (3,) less the room, m."""
     low, high = (lower + room)[:, np.newaxis], (upper - room)[:, np.newaxis]
     beyond = np.maximum(positions - high, 0.0) - np.maximum(low - positions, 0.0)
     slopes[:] = 2.0 * _BOX * beyond
-    return Charge(_BOX * float((beyond * beyond).sum()), float(np.abs(beyond).max()) / room)
+    return Penalty(_BOX * float((beyond * beyond).sum()), float(np.abs(beyond).max()) / room)
 
 
 def keep_input_set(
     accelerations: FloatArray, limits: InputSet, margin: float, room: float, slopes: FloatArray
-) -> Charge:
+) -> Penalty:
     """Charge for what is missing to the margin and the room (K, 3, N): tilt, thrust_max, thrust_min, m/s^2."""
     margin += room
     sine, cosine = math.sin(limits.tilt_max), math.cos(limits.tilt_max)
@@ -137,13 +137,13 @@ def keep_input_set(
     least = np.maximum(limits.thrust_min + margin - up, 0.0)
     slopes[:, 2] += share * up - 2.0 * least
     worst = max(float(each.max()) for each in (tilt, most, least)) / room
-    return Charge(float((tilt * tilt).sum() + (most * most).sum() + (least * least).sum()), worst)
+    return Penalty(float((tilt * tilt).sum() + (most * most).sum() + (least * least).sum()), worst)
 
 
-def shorten(vectors: FloatArray, room: float, slopes: FloatArray) -> Charge:
+def shorten(vectors: FloatArray, room: float, slopes: FloatArray) -> Penalty:
     """Charge for norms of vectors (K, 3, N) above 1 less the room."""
     most = 1.0 - room
     lengths = np.sqrt((vectors * vectors).sum(axis=1)) + 1e-12
     beyond = np.maximum(lengths - most, 0.0)
     slopes[:] = (2.0 * beyond / lengths)[:, np.newaxis] * vectors
-    return Charge(float((beyond * beyond).sum()), float(beyond.max()) / room)
+    return Penalty(float((beyond * beyond).sum()), float(beyond.max()) / room)

@@ -19,7 +19,7 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.planning.descent import descend
 from flatsat_ros.planning.detours import along, around
-from flatsat_ros.planning.penalties import Charge, Neighbours, keep_box, keep_input_set, push_away, shorten
+from flatsat_ros.planning.penalties import NearPairs, Penalty, keep_box, keep_input_set, push_away, shorten
 from flatsat_ros.planning.program import raising
 from flatsat_ros.planning.shapes import Shapes
 from flatsat_ros.plans.bounds import Bounds
@@ -90,7 +90,7 @@ class Search:
         self._waypoints = swarm.waypoints.transpose(1, 2, 0)  # (W, 3, N)
         self._fixed = np.tensordot(stacked @ shapes.fixed, self._waypoints, axes=1)
         self._stretch = np.array([1.0, 1.0, 1.0 / swarm.downwash])[:, np.newaxis]
-        self._neighbours = Neighbours(swarm.distances)
+        self._neighbours = NearPairs(swarm.distances)
         self._boxes = swarm.boxes * self._stretch[:, 0]
 
     def begin(self, swirl: float, seed: int, spread: float = 0.0) -> FloatArray:
@@ -187,7 +187,7 @@ class Search:
             push_away(places, self._boxes, swarm.reaches, _ROOM * wider, pushes),
         ]
         pushes *= self._stretch * (_APART / self._samples)
-        charges = [Charge(each.cost * _APART / self._samples, each.worst) for each in apart]
+        charges = [Penalty(each.cost * _APART / self._samples, each.worst) for each in apart]
         charges.append(keep_box(values[positions], bounds.lower, bounds.upper, _INSET * wider, slopes[positions]))
         charges.append(self._keep_margin(values, duration, _MARGIN * wider, slopes))
         for part, order, most in (
@@ -203,7 +203,7 @@ class Search:
         cost = 0.5 * _SMOOTH * float((modes * modes).sum()) + weight * sum(charge.cost for charge in charges)
         return cost, gradient, max(charge.worst for charge in charges)
 
-    def _keep_margin(self, values: FloatArray, duration: float, room: float, slopes: FloatArray) -> Charge:
+    def _keep_margin(self, values: FloatArray, duration: float, room: float, slopes: FloatArray) -> Penalty:
         """Charge for what f lacks of its margin; slopes, of all values, get what that adds to them."""
         bounds, spans = self.swarm.bounds, len(self.swarm.shapes.lengths)
         parts = [(part, raised, factors / duration**order) for part, raised, factors, order in self._asked]

@@ -128,7 +128,7 @@ class PlannedDrone:
         try:
             values = section("the drone", document, _DRONE)
             knots, points, waypoints = (
-                tables.integers(key, values[key], digits, _ROWS_MAX)
+                tables.integer_rows(key, values[key], digits, _ROWS_MAX)
                 for key, digits in (("knots", (6,)), ("control_points", (9, 9, 9)), ("waypoints", (6, 9, 9, 9, 9)))
             )
             return cls(

@@ -61,7 +61,7 @@ class Laps:
             raise refusal(
                 "duration of all laps", length, "s", f"at least {self.ramp:g} s, that of a ramp: fly more laps"
             )
-        going = resumed(repeated(lap, self.count), 0.0, 0.0, self.ramp)
+        going = resumed(laps_of(lap, self.count), 0.0, 0.0, self.ramp)
         return braked(going, length, self.ramp)
 
     def require_kept(self, laps: Sequence[Trajectory], bounds: Bounds, limits: InputSet) -> None:
@@ -135,7 +135,7 @@ def with_ramp(count: int, laps: Sequence[Trajectory], bounds: Bounds, limits: In
     raise AssertionError
 
 
-def repeated(lap: Trajectory, count: int) -> Trajectory:
+def laps_of(lap: Trajectory, count: int) -> Trajectory:
     """Return so many laps at full pace."""
     length = lap.times[-1]
     starts = (lap.times[:-1] + length * np.arange(count)[:, np.newaxis]).ravel()

@@ -32,7 +32,7 @@ _SETTLED, PATIENCE = 0.5, 60.0
 _LOOK_PERIOD, _OUTSIDE = 0.1, 0.5
 
 
-class Phase(Enum):
+class PlanPhase(Enum):
     """What is done with a plan; the value is what people are told."""
 
     READY = "ready"
@@ -71,7 +71,7 @@ class Performance:
         for drone in plan.drones:
             if drone.name not in names:
                 raise refusal(f"plan {plan.name!r}: drone", drone.name, "", f"one of {', '.join(names)}")
-        self.plan, self.phase = plan, Phase.READY
+        self.plan, self.phase = plan, PlanPhase.READY
         self._pilot, self._names = pilot, list(names)
         self._indices = [self._names.index(drone.name) for drone in plan.drones]
         self._references = {index: prepared.references[self._names[index]] for index in self._indices}
@@ -102,7 +102,7 @@ class Performance:
     @property
     def is_busy(self) -> bool:
         """Whether drones follow the plan now."""
-        return self.phase in (Phase.GATHERING, Phase.FLYING, Phase.STOPPING, Phase.PAUSED)
+        return self.phase in (PlanPhase.GATHERING, PlanPhase.FLYING, PlanPhase.STOPPING, PlanPhase.PAUSED)
 
     def start(self, now: float) -> str:
         """Let all drones go to their first places and set out together once they are there; return what happens.
@@ -121,7 +121,7 @@ class Performance:
         Raises:
             FlatsatError: the plan is not being flown.
         """
-        if self.phase is not Phase.FLYING:
+        if self.phase is not PlanPhase.FLYING:
             raise FlatsatError(f"the plan is {self.phase.value}: only one that is flown can be paused")
         self._stop(now)
         return f"all stand still in {self._until - now:.1f} s; their distances stay proved"
@@ -132,7 +132,7 @@ class Performance:
         Raises:
             FlatsatError: the plan is not paused, or a drone cannot fly; the text names it.
         """
-        if self.phase is not Phase.PAUSED:
+        if self.phase is not PlanPhase.PAUSED:
             raise FlatsatError(f"the plan is {self.phase.value}: only one that is paused can be resumed")
         return self._gather(now)
 
@@ -144,10 +144,10 @@ class Performance:
         """
         if not self.is_busy:
             raise FlatsatError(f"the plan is {self.phase.value}: only one that is flown can be aborted")
-        if self.phase is Phase.FLYING:
+        if self.phase is PlanPhase.FLYING:
             self._stop(now)
         self._lands = True
-        if self.phase is Phase.STOPPING:
+        if self.phase is PlanPhase.STOPPING:
             seconds = f"in {max(self._until - now, 0.0):.1f} s"
             return f"all stand still {seconds}, their distances proved until then; they land by the rules of separation"
         self._land()
@@ -155,16 +155,16 @@ class Performance:
 
     def look(self, now: float) -> list[Report]:
         """Go on with what is done, once per tick before the pilot's; return what people should know."""
-        if self.phase is Phase.GATHERING:
+        if self.phase is PlanPhase.GATHERING:
             self._look_who_is_there(now)
-        elif self.phase in (Phase.FLYING, Phase.STOPPING):
+        elif self.phase in (PlanPhase.FLYING, PlanPhase.STOPPING):
             self._hand_out(now)
             self._look_who_follows(now)
         if now >= self._until and not self._pending:
-            if self.phase is Phase.FLYING:
-                self.phase = Phase.FLOWN
+            if self.phase is PlanPhase.FLYING:
+                self.phase = PlanPhase.FLOWN
                 self._tell("the plan has been flown to its end: all hold their last places")
-            elif self.phase is Phase.STOPPING:
+            elif self.phase is PlanPhase.STOPPING:
                 self._rest()
         reports, self._reports = self._reports, []
         return reports
@@ -185,7 +185,7 @@ class Performance:
         yaws = {index: self._references[index].yaw for index in self._indices}
         gathering = self._gathering = Gathering(self.plan, places, yaws, self._pilot, self._planner)
         self._way = None
-        self.phase, self._until, self._settled = Phase.GATHERING, now + PATIENCE, math.inf
+        self.phase, self._until, self._settled = PlanPhase.GATHERING, now + PATIENCE, math.inf
         self._lands = False
         away = gathering.missing()
         gathering.look(now, away)
@@ -210,7 +210,7 @@ class Performance:
             reasons = (f"{self._names[i]} ({self._gathering.refused.get(i, 'not within its tube')})" for i in missing)
             names = ", ".join(reasons)
             self._tell(f"the plan does not begin: after {PATIENCE:g} s not at their places: {names}; all hold")
-            self.phase = Phase.ABORTED if self._progress == 0.0 else Phase.PAUSED
+            self.phase = PlanPhase.ABORTED if self._progress == 0.0 else PlanPhase.PAUSED
         else:
             self._gathering.look(now, missing)
 
@@ -225,9 +225,9 @@ class Performance:
         except FlatsatError as error:
             gathering.give_up(str(error))
             return
-        self._reports += [report for report in self._way.look(now) if self._way.phase is not Phase.FLOWN]
-        if not self._way.is_busy or self._way.phase is Phase.PAUSED:
-            gathering.give_up("" if self._way.phase is Phase.FLOWN else "they did not fly it to its end")
+        self._reports += [report for report in self._way.look(now) if self._way.phase is not PlanPhase.FLOWN]
+        if not self._way.is_busy or self._way.phase is PlanPhase.PAUSED:
+            gathering.give_up("" if self._way.phase is PlanPhase.FLOWN else "they did not fly it to its end")
             self._until = now + PATIENCE
 
     def _set_out(self, now: float) -> None:
@@ -243,7 +243,7 @@ class Performance:
         self._pilot.traffic.prove(self._kept())
         self._outside = math.inf
         self._given.clear()
-        self.phase, self._origin, self._until = Phase.FLYING, origin, origin + self.plan.duration
+        self.phase, self._origin, self._until = PlanPhase.FLYING, origin, origin + self.plan.duration
         self._tell(f"the plan is flown from {begin - now:.3f} s on: all set out together")
 
     def _stop(self, now: float) -> None:
@@ -255,7 +255,7 @@ class Performance:
             return braked(self._references[index].shifted(origin) if flown is None else flown, begin, self._stopping)
 
         self._make = make
-        self.phase, self._until = Phase.STOPPING, begin + self._stopping
+        self.phase, self._until = PlanPhase.STOPPING, begin + self._stopping
         self._progress = float(np.clip(begin + self._stopping / 2.0 - origin, 0.0, self.plan.duration))
 
     def _begin(self, now: float) -> float:
@@ -282,7 +282,7 @@ class Performance:
         """Let the others stand still if a drone does not follow the plan."""
         given = (index for index in self._indices if index not in self._pending)
         left = [index for index in given if self._pilot.follows(index) is not self._given.get(index)]
-        if self.phase is not Phase.FLYING:
+        if self.phase is not PlanPhase.FLYING:
             return
         outside = [] if left or now - self._looked < _LOOK_PERIOD else self._who_is_outside(now)
         if left:
@@ -310,11 +310,11 @@ class Performance:
         if self._lands:
             self._land()
             return
-        self.phase = Phase.PAUSED
+        self.phase = PlanPhase.PAUSED
         self._tell("the plan is paused: all stand still")
 
     def _land(self) -> None:
-        self.phase, self._pending = Phase.ABORTED, []
+        self.phase, self._pending = PlanPhase.ABORTED, []
         for index in self._indices:
             self._pilot.call_off(index)
             if self._pilot.follows(index) is not None:

@@ -16,7 +16,7 @@ from typing import BinaryIO
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate, load_certificate
 from flatsat_ros.flight.trajectory import Trajectory
-from flatsat_ros.plans.laps import repeated
+from flatsat_ros.plans.laps import laps_of
 from flatsat_ros.plans.pacing import change_duration
 from flatsat_ros.plans.plan import Plan
 from flatsat_ros.plans.tubes import require_tubes
@@ -44,7 +44,7 @@ class PreparedPlan:
         references = {drone.name: plan.trajectory(drone.name) for drone in plan.drones}
         ways = list(references.values())
         if plan.laps is not None:  # a change of pace looks the same in every lap
-            ways = [repeated(drone.curve.trajectory(), 2) for drone in plan.drones]
+            ways = [laps_of(drone.curve.trajectory(), 2) for drone in plan.drones]
         stop, start = (change_duration(ways, plan.bounds, plan.limits, stops=stops) for stops in (True, False))
         return cls(plan, references, stop, start)
 

@@ -59,7 +59,7 @@ def read(name: str, text: object, digits: Sequence[int | None], rows_max: int) -
     return rows
 
 
-def integers(name: str, text: object, digits: Sequence[int], rows_max: int) -> list[tuple[int, ...]]:
+def integer_rows(name: str, text: object, digits: Sequence[int], rows_max: int) -> list[tuple[int, ...]]:
     """Return the rows of a table of decimals alone; see `read`."""
     return [tuple(map(int, row)) for row in read(name, text, digits, rows_max)]
 

@@ -21,9 +21,8 @@ from numpy.typing import ArrayLike
 
 from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.certificate.flight import Flight
-from flatsat_ros.certificate.flight_tube import Assumptions
-from flatsat_ros.certificate.flight_tube import Tube as AxisTube
+from flatsat_ros.certificate.flight import FlightSection
+from flatsat_ros.certificate.flight_tube import Assumptions, AxisTube
 from flatsat_ros.flight.preview import led_for
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.plans.bounds import Bounds
@@ -54,14 +53,14 @@ class Promise(NamedTuple):
     tube: Tube
 
 
-def _tube(proved: Flight, downwash: float) -> Tube:
+def _tube(proved: FlightSection, downwash: float) -> Tube:
     """Return the tube of a section in the downwash metric."""
     sides, upright = (axis.tube.position for axis in proved.axes)
     radius = math.hypot(sides, upright / downwash)
     return Tube(math.ceil(radius * _STEP) / _STEP, _CERTIFICATE)
 
 
-def _asked(flight: Flight, bounds: Bounds) -> Assumptions:
+def _asked(flight: FlightSection, bounds: Bounds) -> Assumptions:
     """Return what the section must assume for references with these bounds."""
     assumed, acceleration = flight.assumptions, bounds.acceleration_max
     figures = {"jerk": RESERVE * bounds.jerk_max, "snap": RESERVE * bounds.snap_max}
@@ -78,7 +77,7 @@ def _asked(flight: Flight, bounds: Bounds) -> Assumptions:
     })  # fmt: skip
 
 
-def _proved(flight: Flight, limits: InputSet, bounds: Bounds) -> Flight:
+def _proved(flight: FlightSection, limits: InputSet, bounds: Bounds) -> FlightSection:
     """Return the section with tubes of references with these bounds; up to two seconds of computation.
 
     Raises:
@@ -99,7 +98,7 @@ def _proved(flight: Flight, limits: InputSet, bounds: Bounds) -> Flight:
     return found
 
 
-def _with_tubes(flight: Flight, assumed: Assumptions) -> Flight:
+def _with_tubes(flight: FlightSection, assumed: Assumptions) -> FlightSection:
     """Return the section with the tubes that are proved under other assumptions, whether or not they leave room."""
     axes = [
         replace(axis, tube=_rounded_up(axis.proved(flight.gain_min, flight.gain_max, assumed))) for axis in flight.axes
@@ -181,7 +180,9 @@ def promise(
     return Promise(bounds, Tube(radius if tube is None else tube, _CERTIFICATE))
 
 
-def narrowed(promised: Promise, curves: Sequence[Curve], flight: Flight, limits: InputSet, downwash: float) -> Promise:
+def narrowed(
+    promised: Promise, curves: Sequence[Curve], flight: FlightSection, limits: InputSet, downwash: float
+) -> Promise:
     """Return what references keep that ask for markedly less than they may, and the smaller tube that goes with it.
 
     Changes of pace keep their room: bounds are those of the references, or as many times as much as changes need.
@@ -219,14 +220,14 @@ def narrowed(promised: Promise, curves: Sequence[Curve], flight: Flight, limits:
     return Promise(found, tube) if kept and smaller and have_room(paths, found, limits) else promised
 
 
-def _stated(flight: Flight, limits: InputSet, bounds: Bounds, margin: float | None, tube: float) -> Promise:
+def _stated(flight: FlightSection, limits: InputSet, bounds: Bounds, margin: float | None, tube: float) -> Promise:
     """Return what references keep where the tube is the user's word."""
     bounds = replace(bounds, acceleration_max=None)
     least = least_margin(flight, limits, bounds)
     return Promise(replace(bounds, margin=least if margin is None else margin), Tube(tube))
 
 
-def _share(flight: Flight, limits: InputSet, radius: float, downwash: float) -> float:
+def _share(flight: FlightSection, limits: InputSet, radius: float, downwash: float) -> float:
     """Return the share of what a section assumes of references with which a tube of a radius, m, is proved; 1 if none.
 
     Every bound that makes a tube is linear in what is assumed, and the tube is the largest of them, so the radius is a
@@ -242,12 +243,12 @@ def _share(flight: Flight, limits: InputSet, radius: float, downwash: float) -> 
     return left / (most - least) if left > 0.0 else 1.0
 
 
-def least_margin(flight: Flight, room: InputSet, bounds: Bounds) -> float:
+def least_margin(flight: FlightSection, room: InputSet, bounds: Bounds) -> float:
     """Return the margin in the room that f must keep, m/s^2, so that the section's is kept at changes of pace, too.
 
     Args:
         flight: the section.
-        room: `Flight.room` of it.
+        room: `FlightSection.room` of it.
         bounds: of the references; their margin does not matter.
     """
     sides, upright = (axis.design.model for axis in flight.axes)
@@ -298,7 +299,7 @@ def require_tubes(plan: Plan, certificate: Certificate) -> None:
             raise refusal(what, drone.tube.radius, "m", valid)
 
 
-def _holds(flight: Flight, bounds: Bounds) -> bool:
+def _holds(flight: FlightSection, bounds: Bounds) -> bool:
     """Tell whether the section as it is holds for references with these bounds."""
     asked, assumed = _asked(flight, bounds), flight.assumptions
     return asked.jerk <= assumed.jerk and asked.snap <= assumed.snap
@@ -312,7 +313,7 @@ def _beyond(held: InputSet, room: InputSet) -> list[str]:
     return [name for name, is_beyond in beyond.items() if is_beyond]
 
 
-def require_margin(bounds: Bounds, flight: Flight, room: InputSet) -> None:
+def require_margin(bounds: Bounds, flight: FlightSection, room: InputSet) -> None:
     """Refuse bounds with which references keep less margin in the room than a flight section needs.
 
     Raises:

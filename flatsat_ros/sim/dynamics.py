@@ -61,7 +61,7 @@ class Ideal:
         return np.stack([command, np.zeros_like(command), np.zeros_like(command)], axis=-1)
 
 
-class Identified:
+class IdentifiedResponse:
     """The response that a vehicle profile describes, discretised exactly.
 
     Attitude of third order, or of fourth where the profile has integral terms, first-order thrust, linear drag.

@@ -20,7 +20,13 @@ from flatsat_ros.crazyflie.link import SupervisorInfo
 from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile
 from flatsat_ros.crazyflie.wire import YawMode
 from flatsat_ros.sim.high_level import HighLevelCommander
-from flatsat_ros.sim.position_controller import Mode, PositionController, PositionSetpoint, Velocities, along_heading
+from flatsat_ros.sim.position_controller import (
+    PositionController,
+    PositionSetpoint,
+    SetpointMode,
+    Velocities,
+    along_heading,
+)
 from flatsat_ros.sim.state_machine import CAN_FLY, MOTORS_ALLOWED, Conditions, State, next_state
 
 SUPERVISOR_PERIOD = 40  # ms; stabilizer_types.h RATE_SUPERVISOR, 25 Hz
@@ -95,7 +101,7 @@ class Firmware:
         self._relaxed[index] = True  # commander.c commanderInit: no priority yet
         self._setpoint[:, index] = 0.0
         self._yaw_is_angle[index] = self._yaw_mode is YawMode.ANGLE
-        self._mode[index] = self._streamed[index] = Mode.ATTITUDE
+        self._mode[index] = self._streamed[index] = SetpointMode.ATTITUDE
         self.high_level.group_mask[index] = 0
         self._lost[:, index] = False
         for times in (self._received, self._thrusting, self._tilted, self._ready, self._landed):
@@ -141,8 +147,8 @@ class Firmware:
         finite = (math.radians(angle) if math.isfinite(angle) else math.nan for angle in angles)
         self._setpoint[:, index] = *finite, accepted
         self._yaw_is_angle[index] = self._yaw_mode is YawMode.ANGLE
-        self._mode[index] = Mode.ATTITUDE
-        self._take_over(index, Mode.ATTITUDE, now)
+        self._mode[index] = SetpointMode.ATTITUDE
+        self._take_over(index, SetpointMode.ATTITUDE, now)
 
     def receive_position(self, index: int, setpoint: PositionSetpoint, now: int) -> None:
         """Take a set-point that speaks of position or velocity: crtp_commander_generic.c; see receive.
@@ -152,11 +158,11 @@ class Firmware:
         if not self.powered[index]:
             return
         self._setpoint[2, index] = setpoint.yaw
-        self._yaw_is_angle[index] = setpoint.mode in (Mode.POSITION, Mode.FULL_STATE)
+        self._yaw_is_angle[index] = setpoint.mode in (SetpointMode.POSITION, SetpointMode.FULL_STATE)
         self._place[:, index], self._velocity[:, index] = setpoint.place, setpoint.velocity
         self._take_over(index, setpoint.mode, now)
 
-    def _take_over(self, index: int, mode: Mode, now: int) -> None:
+    def _take_over(self, index: int, mode: SetpointMode, now: int) -> None:
         """Give a set-point of the link the priority."""
         self._streamed[index] = mode
         self._received[index] = now
@@ -186,15 +192,17 @@ class Firmware:
         can_fly = CAN_FLY[self.state]
         self.high_level.update(now, ~can_fly, position, velocity, yaw)
         heard = self._relaxed & can_fly
-        streamed = can_fly & ~self._relaxed & (self._streamed != Mode.ATTITUDE)
+        streamed = can_fly & ~self._relaxed & (self._streamed != SetpointMode.ATTITUDE)
         if not (heard | streamed).any():
             return
         flown = heard & self.high_level.following
         self._setpoint[:, heard & ~flown] = 0.0  # crtp_commander_high_level.c nullSetpoint
         guided = flown | streamed
         # supervisor.c supervisorOverrideSetpoint changes the mode of what levels out
-        mode = np.where(self.state == State.LEVEL_OUT, Mode.LEVEL, np.where(flown, Mode.POSITION, self._streamed))
-        mode[~guided] = Mode.ATTITUDE
+        mode = np.where(
+            self.state == State.LEVEL_OUT, SetpointMode.LEVEL, np.where(flown, SetpointMode.POSITION, self._streamed)
+        )
+        mode[~guided] = SetpointMode.ATTITUDE
         fresh = guided & (mode != self._mode)
         self._mode = mode
         if not guided.any():
@@ -212,7 +220,7 @@ class Firmware:
 
     def _velocities(self, streamed: BoolArray, yaw: FloatArray) -> Velocities:
         """Return the velocities that set-points of the link tell, those of the world turned to the (N,) yaw, rad."""
-        world, hover = (streamed & (self._streamed == mode) for mode in (Mode.VELOCITY, Mode.HOVER))
+        world, hover = (streamed & (self._streamed == mode) for mode in (SetpointMode.VELOCITY, SetpointMode.HOVER))
         told = np.where(world, along_heading(self._velocity, yaw), self._velocity)
         return Velocities(told, world | hover, world)
 

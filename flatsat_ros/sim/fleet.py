@@ -10,12 +10,12 @@ from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import require, require_not_negative, require_number
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.crazyflie.wire import YawMode
-from flatsat_ros.sim.dynamics import STEP, Bodies, Ideal, Identified, Response, Wind
+from flatsat_ros.sim.dynamics import STEP, Bodies, Ideal, IdentifiedResponse, Response, Wind
 from flatsat_ros.sim.firmware import SUPERVISOR_PERIOD, Firmware
 from flatsat_ros.sim.high_level import HIGH_LEVEL_PERIOD
 from flatsat_ros.sim.power import Battery, IdealPowerTrain, PowerTrain
 from flatsat_ros.sim.proximity import STILL, Proximity
-from flatsat_ros.sim.sensor import MotionCapture, Recorder, Sample
+from flatsat_ros.sim.sensor import MotionCapture, PoseSampler, Sample
 from flatsat_ros.sim.uplink import ROUNDING, Uplink
 
 _MILLISECONDS = round(STEP * 1000)
@@ -96,7 +96,7 @@ class SimulatedFleet(Uplink):
         require_each(scale > 0.0, "thrust_scale", scale, "", "above 0")
 
         ideal = dynamics == "ideal"
-        response: Response = Ideal() if ideal else Identified(profile.dynamics)
+        response: Response = Ideal() if ideal else IdentifiedResponse(profile.dynamics)
         train = IdealPowerTrain if ideal else PowerTrain
         super().__init__(
             Firmware(profile, count, yaw_mode=yaw_mode), count, command_delay + (0.0 if ideal else profile.delay)
@@ -117,7 +117,7 @@ class SimulatedFleet(Uplink):
         require(stream >= 0, "stream", stream, "", "at least 0")
         gusts, *capturing = np.random.SeedSequence(seed).spawn(2 + stream)
         self._gusts = np.random.default_rng(gusts)
-        self._recorder = Recorder(capture or MotionCapture(), np.random.default_rng(capturing[stream]))
+        self._recorder = PoseSampler(capture or MotionCapture(), np.random.default_rng(capturing[stream]))
         self._step = 0
         self._record()
 

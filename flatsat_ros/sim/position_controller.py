@@ -28,7 +28,7 @@ CLIMB_MAX = 32.767  # 1000 PWM; position_controller_pid.c velocityController, UI
 THRUST_LEAST, THRUST_MOST = 20000.0, 65535.0  # PWM; PID_VEL_THRUST_MIN, UINT16_MAX
 
 
-class Mode(IntEnum):
+class SetpointMode(IntEnum):
     """What a set-point speaks of, stabilizer_types.h setpoint_t.mode: when it changes, all PIDs are reset."""
 
     ATTITUDE = 0  # roll, pitch, yaw or its rate, thrust; or nothing
@@ -49,20 +49,20 @@ class PositionSetpoint(NamedTuple):
         yaw: rad, or for VELOCITY and HOVER rad/s, counter-clockwise.
     """
 
-    mode: Mode
+    mode: SetpointMode
     place: FloatArray
     velocity: FloatArray
     yaw: float
 
     @classmethod
-    def of(cls, mode: Mode, place: ArrayLike, velocity: ArrayLike, yaw: float) -> PositionSetpoint:
+    def of(cls, mode: SetpointMode, place: ArrayLike, velocity: ArrayLike, yaw: float) -> PositionSetpoint:
         """Return a checked set-point. The drone itself checks nothing; its link could not send every value.
 
         Raises:
             FlatsatError: a value is not finite, or not three make a vector.
         """
         where, rate = _vector("position", place), _vector("velocity", velocity)
-        require_number("yaw", yaw, "rad" if mode in (Mode.POSITION, Mode.FULL_STATE) else "rad/s")
+        require_number("yaw", yaw, "rad" if mode in (SetpointMode.POSITION, SetpointMode.FULL_STATE) else "rad/s")
         return cls(mode, where, rate, float(yaw))
 
 

@@ -57,7 +57,7 @@ class MotionCapture:
         require(all(start <= end for start, end in self.gaps), "gaps", self.gaps, "s", "pairs of start and end")
 
 
-class Recorder:
+class PoseSampler:
     """Samples a fleet and hands out each sample when its latency is over; times are seconds of simulated time."""
 
     def __init__(self, capture: MotionCapture, generator: np.random.Generator) -> None:

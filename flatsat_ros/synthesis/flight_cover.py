@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight_cell import PlantBox
 from flatsat_ros.certificate.flight_plant import Design
-from flatsat_ros.certificate.flight_tube import Assumptions, Tube, cell_tubes
+from flatsat_ros.certificate.flight_tube import Assumptions, AxisTube, cell_tubes
 
 # How much one figure matters against another, per width relative to its value; only the number of cells depends on it.
 _WEIGHTS = {"lag": 1.0, "gain": 1.25, "frequency": 3.5, "damping": 1.0, "tilt": 0.1, "drag": 0.05}
@@ -31,11 +31,11 @@ class Cover:
     """
 
     cuts: tuple[str, ...]
-    tube: Tube
-    corners: Tube
+    tube: AxisTube
+    corners: AxisTube
 
 
-def corners(box: Box, lag_varies: bool = False) -> list[Box]:
+def extreme_boxes(box: PlantBox, lag_varies: bool = False) -> list[PlantBox]:
     """Return the boxes in which every figure that does not change in flight is the least or the largest of a box.
 
     Args:
@@ -44,18 +44,18 @@ def corners(box: Box, lag_varies: bool = False) -> list[Box]:
     """
     names, spread = box.constants(lag_varies), box.spread
     values = [dict(zip(names, ends, strict=True)) for ends in itertools.product(*(spread[name] for name in names))]
-    return [Box(replace(box.low, **ends), replace(box.high, **ends)) for ends in values]
+    return [PlantBox(replace(box.low, **ends), replace(box.high, **ends)) for ends in values]
 
 
 def corner_tube(
-    design: Design, box: Box, gain_min: float, gain_max: float, assumptions: Assumptions, lag_varies: bool = False
-) -> Tube:
+    design: Design, box: PlantBox, gain_min: float, gain_max: float, assumptions: Assumptions, lag_varies: bool = False
+) -> AxisTube:
     """Return the tube of the corners of a box alone; of the plants between it says nothing.
 
     The arguments are those of `cover`.
     """
-    tube = Tube(0.0, 0.0, 0.0, 0.0)
-    for corner in cell_tubes(design, corners(box, lag_varies), gain_min, gain_max, assumptions, lag_varies):
+    tube = AxisTube(0.0, 0.0, 0.0, 0.0)
+    for corner in cell_tubes(design, extreme_boxes(box, lag_varies), gain_min, gain_max, assumptions, lag_varies):
         tube |= corner
     return tube
 
@@ -68,21 +68,21 @@ class CoverError(FlatsatError):
         figure: the one across which most parts were cut.
     """
 
-    def __init__(self, text: str, box: Box, figure: str) -> None:
+    def __init__(self, text: str, box: PlantBox, figure: str) -> None:
         """Take over the text, the box and the figure."""
         super().__init__(text)
         self.box, self.figure = box, figure
 
 
-_UNBOUNDED = Tube(math.inf, math.inf, math.inf, math.inf)
+_UNBOUNDED = AxisTube(math.inf, math.inf, math.inf, math.inf)
 
 
 @dataclass
 class _Part:
     """A part of a box: its tube, the figure across which it is cut, "" for a cell, and its halves."""
 
-    box: Box
-    tube: Tube = _UNBOUNDED
+    box: PlantBox
+    tube: AxisTube = _UNBOUNDED
     cut: str = ""
     halves: tuple[_Part, ...] = ()
 
@@ -95,7 +95,7 @@ class _Part:
 
 def cover(
     design: Design,
-    box: Box,
+    box: PlantBox,
     gain_min: float,
     gain_max: float,
     assumptions: Assumptions,
@@ -125,7 +125,7 @@ def cover(
     aim = worst.position * (1.0 + excess)
     if not worst.position < math.inf:
         raise FlatsatError("tube of a corner of the box = inf m: must be bounded, with other gains or a smaller box")
-    proved, root = Tube(0.0, 0.0, 0.0, 0.0), _Part(box)
+    proved, root = AxisTube(0.0, 0.0, 0.0, 0.0), _Part(box)
     count, new, wide, cut = 1, [root], list[_Part](), Counter[str]()
     while new:
         whole = [part for part in new if part.box.within_periods(design.period)]
@@ -157,7 +157,7 @@ def cover(
     return Cover(tuple(root.cuts()), proved, worst)
 
 
-def _next_cut(box: Box, period: float, lag_varies: bool) -> str:
+def _next_cut(box: PlantBox, period: float, lag_varies: bool) -> str:
     """Return the figure across which a cell is widest, in what it does to the loop; empty for a single plant."""
     if not box.within_periods(period):
         return "delay"

@@ -21,11 +21,11 @@ from flatsat_ros.base.errors import FlatsatError, refusal, require
 from flatsat_ros.base.files import located
 from flatsat_ros.base.strict_yaml import read_yaml, section
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.certificate.flight import Axis, Flight
-from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight import Axis, FlightSection
+from flatsat_ros.certificate.flight_cell import PlantBox
 from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_return import Return
-from flatsat_ros.certificate.flight_tube import Assumptions, Tube
+from flatsat_ros.certificate.flight_tube import Assumptions, AxisTube
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis.flight_cover import cover
 from flatsat_ros.synthesis.rounding import DIGITS, round_down, round_up
@@ -51,7 +51,7 @@ class AxisDesign:
         excess: relative, by how much the tube of the box may be above that of its worst corner.
     """
 
-    box: Box
+    box: PlantBox
     lag_varies: bool
     design: Design
     excess: float
@@ -68,7 +68,7 @@ class AxisDesign:
         design = Design.predicting(
             period, plants["model"], tuple(values["observer"]), values["stiffness"], values["rate"]
         )
-        return cls(Box(plants["low"], plants["high"]), values["lag_varies"], design, values["excess"])
+        return cls(PlantBox(plants["low"], plants["high"]), values["lag_varies"], design, values["excess"])
 
 
 _PLANT = {figure.name for figure in fields(Plant)}
@@ -123,7 +123,7 @@ class FlightDesign:
             FlatsatError: a tube is not bounded, or the gains are no stabilising ones.
         """
         axes = [self._proved(design) for design in (self.horizontal, self.vertical)]
-        flight = Flight(1.0, self.gain_max, self.margin, self.disturbance, self.assumptions, *axes)
+        flight = FlightSection(1.0, self.gain_max, self.margin, self.disturbance, self.assumptions, *axes)
         (rate, sides), (rate_upright, upright) = (
             ideal_block(axis.design.stiffness, axis.design.rate) for axis in flight.axes
         )
@@ -164,7 +164,7 @@ class FlightDesign:
                 break
         else:
             raise refusal("return_rate", self.return_rate, "1/s", "much smaller, no return so fast can be shown")
-        tube = Tube(*(_above(value) for value in asdict(found.tube).values()))
+        tube = AxisTube(*(_above(value) for value in asdict(found.tube).values()))
         ways = {key: _above(value) for key, value in asdict(back).items() if key != "rate"}
         return replace(axis, tube=tube, back=Return(rate, **ways))
 

@@ -20,10 +20,10 @@ from scipy.optimize import minimize
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight_cell import PlantBox
 from flatsat_ros.certificate.flight_loop import FlightLoop
 from flatsat_ros.certificate.flight_plant import Design, Plant
-from flatsat_ros.certificate.flight_tube import Assumptions, Tube, cell_tubes
+from flatsat_ros.certificate.flight_tube import Assumptions, AxisTube, cell_tubes
 from flatsat_ros.synthesis.flight_design import AxisDesign
 from flatsat_ros.synthesis.flight_wishes import Plants
 
@@ -84,7 +84,7 @@ def command_noise(design: Design, plant: Plant, noise: float, gain: float = 1.0)
     return math.degrees(_PEAKS * noise * math.sqrt(total) / GRAVITY)
 
 
-def corner_boxes(plants: Plants, share: float = _CELL) -> list[Box]:
+def corner_boxes(plants: Plants, share: float = _CELL) -> list[PlantBox]:
     """Return small boxes at the corners of the plants, of the size of a cell, so that few cells cover what is found.
 
     Their drag is all of its interval, and so is a lag that changes in flight.
@@ -102,7 +102,7 @@ def corner_boxes(plants: Plants, share: float = _CELL) -> list[Box]:
     corners = []
     for pick in itertools.product(*ends):
         least, most = ({name: pair[i] for name, pair in zip(names, pick, strict=True)} for i in (0, 1))
-        corners.append(Box(replace(box.low, **least), replace(box.high, **most)))
+        corners.append(PlantBox(replace(box.low, **least), replace(box.high, **most)))
     return corners
 
 
@@ -122,14 +122,14 @@ class Goal:
     nominal_max: float
     assumptions: Assumptions
 
-    def worst(self, design: Design, plants: Plants, boxes: list[Box]) -> Tube:
+    def worst(self, design: Design, plants: Plants, boxes: list[PlantBox]) -> AxisTube:
         """Return the tube of the worst corner."""
-        tube = Tube(0.0, 0.0, 0.0, 0.0)
+        tube = AxisTube(0.0, 0.0, 0.0, 0.0)
         for corner in cell_tubes(design, boxes, 1.0, self.gain_max, self.assumptions, plants.lag_varies):
             tube |= corner
         return tube
 
-    def cost(self, design: Design, plants: Plants, boxes: list[Box]) -> float:
+    def cost(self, design: Design, plants: Plants, boxes: list[PlantBox]) -> float:
         """Return the tube in cm, with what is paid for noise, |v0| and stiffness beyond their bounds."""
         tube = self.worst(design, plants, boxes)
         if not tube.position < _ABSURD:

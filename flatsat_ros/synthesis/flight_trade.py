@@ -9,8 +9,8 @@ from typing import Any
 
 from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.certificate.flight import Flight
-from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight import FlightSection
+from flatsat_ros.certificate.flight_cell import PlantBox
 from flatsat_ros.certificate.flight_tube import Assumptions
 from flatsat_ros.crazyflie.intervals import Interval
 from flatsat_ros.synthesis.flight_cover import CoverError, cover
@@ -88,7 +88,7 @@ def require_tilt(certificate: Certificate) -> None:
     raise refusal("--tilt-max-deg", round(tilt, 3), "deg", valid)
 
 
-def _shares(flight: Flight) -> Iterator[tuple[str, float]]:
+def _shares(flight: FlightSection) -> Iterator[tuple[str, float]]:
     """Yield each assumption and by how much less |v0| is without, at the worst corners, m/s^2."""
     nominal = _worst(flight, flight.gain_max, flight.assumptions, "nominal")
     for field in fields(Assumptions):
@@ -111,11 +111,11 @@ def _tilt_needed(certificate: Certificate) -> float:
     return math.degrees(math.asin(min(1.0, needed / certificate.limits.gravity)))
 
 
-def _tubes(flight: Flight, gain_max: float, assumptions: Assumptions) -> str:
+def _tubes(flight: FlightSection, gain_max: float, assumptions: Assumptions) -> str:
     return "".join(f"{100.0 * value:8.2f}" for value in _worst(flight, gain_max, assumptions, "position"))
 
 
-def _worst(flight: Flight, gain_max: float, assumptions: Assumptions, signal: str) -> list[float]:
+def _worst(flight: FlightSection, gain_max: float, assumptions: Assumptions, signal: str) -> list[float]:
     """Return a field of the tube of the worst corner, horizontal and vertical."""
     values = []
     for axis in flight.axes:
@@ -125,7 +125,7 @@ def _worst(flight: Flight, gain_max: float, assumptions: Assumptions, signal: st
     return values
 
 
-def _flight(certificate: Certificate) -> Flight:
+def _flight(certificate: Certificate) -> FlightSection:
     assert certificate.flight is not None, "a flight certificate has its section"
     return certificate.flight
 
@@ -216,7 +216,7 @@ def narrower(
         low, high = box.spread[figure]
         ends = (3.0 * low + high) / 4.0, (low + 3.0 * high) / 4.0
         known[figure] = ends
-        box = Box(replace(box.low, **{figure: ends[0]}), replace(box.high, **{figure: ends[1]}))
+        box = PlantBox(replace(box.low, **{figure: ends[0]}), replace(box.high, **{figure: ends[1]}))
         try:
             cover(axis.design, box, gain_min, gain_max, assumptions, axis.lag_varies, axis.excess, cells_max)
         except CoverError as error:

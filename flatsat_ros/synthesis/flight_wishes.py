@@ -9,7 +9,7 @@ from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError, refusal, require, require_number
 from flatsat_ros.base.files import located
 from flatsat_ros.base.strict_yaml import read_yaml
-from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight_cell import PlantBox
 from flatsat_ros.certificate.flight_plant import Plant
 from flatsat_ros.certificate.flight_tube import Assumptions
 from flatsat_ros.crazyflie.fit import UNDERDAMPED
@@ -43,7 +43,7 @@ class Plants:
         model: of the profile, with a gain of 1; the search moves its delay, lag, frequency and damping.
     """
 
-    box: Box
+    box: PlantBox
     lag_varies: bool
     model: Plant
 
@@ -104,7 +104,7 @@ def _around(value: float, share: float) -> tuple[float, float]:
 def _plants(found: dict[str, tuple[float, float]], lag_varies: bool) -> Plants:
     low, high = (Plant(**{name: ends[i] for name, ends in found.items()}) for i in (0, 1))
     middle = {name: (ends[0] + ends[1]) / 2.0 for name, ends in found.items() if name != "gain"}
-    return Plants(Box(low, high), lag_varies, Plant(**middle))
+    return Plants(PlantBox(low, high), lag_varies, Plant(**middle))
 
 
 def assumed(name_or_path: str) -> tuple[Assumptions, dict[str, tuple[float, float]]]:

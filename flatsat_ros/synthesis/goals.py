@@ -31,7 +31,7 @@ _RATE_RANGE = (1e-2, 1e2)  # 1/s; what `cover` looks through
 _RESOLUTION = 1e-5
 
 
-def corners(errors: ArrayLike) -> FloatArray:
+def start_corners(errors: ArrayLike) -> FloatArray:
     """Return the start errors with those signs that matter, (4, 6): velocity along or against position.
 
     Args:
@@ -58,7 +58,7 @@ def rate_covering(
 
     Args:
         limits: V_c.
-        errors: magnitudes, see `corners`.
+        errors: magnitudes, see `start_corners`.
         timing: of the loop.
         lowest: see `synthesis.gain_cap.gain_cap`.
         highest: see `synthesis.gain_cap.gain_cap`.
@@ -76,7 +76,7 @@ def rate_covering(
             gain_min, matrix = cap.gain_min, block if cap.matrix is None else cap.matrix
         return Sets(limits, matrix, matrix, rate, rate, limits.inner_radius**2 / rate, gain_min)
 
-    return _largest_covering(sets, corners(errors), _RATE_RANGE)
+    return _largest_covering(sets, start_corners(errors), _RATE_RANGE)
 
 
 def robust_rate_covering(
@@ -86,7 +86,7 @@ def robust_rate_covering(
 
     Args:
         limits: V_c.
-        errors: magnitudes, see `corners`.
+        errors: magnitudes, see `start_corners`.
         period: h, s.
         drift: (2,), m/s, see `synthesis.robust_design`.
         push: (2,), m/s^2.
@@ -99,7 +99,7 @@ def robust_rate_covering(
     def sets(rate: float) -> Sets:
         return robust_sets(limits, Timing(period), closed_form_blocks(rate, drift, push), drift, push)
 
-    return _largest_covering(sets, corners(errors), (max(smallest, _RATE_RANGE[0]), largest))
+    return _largest_covering(sets, start_corners(errors), (max(smallest, _RATE_RANGE[0]), largest))
 
 
 def _largest_covering(sets: Callable[[float], Sets], starts: FloatArray, interval: tuple[float, float]) -> float:

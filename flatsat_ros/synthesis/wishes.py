@@ -13,13 +13,13 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.law.input_set import InputSet
-from flatsat_ros.synthesis.goals import corners, rate_covering, robust_rate_covering
+from flatsat_ros.synthesis.goals import rate_covering, robust_rate_covering, start_corners
 from flatsat_ros.synthesis.nominal import synthesize
 from flatsat_ros.synthesis.robust_design import synthesize_robust
 
 
 @dataclass(frozen=True, eq=False)
-class Wishes:
+class CertificateWishes:
     """What a certificate is asked for.
 
     Attributes:
@@ -27,7 +27,7 @@ class Wishes:
         timing: period, lag and delay of the loop.
         rate: alpha, of a robust certificate beta, 1/s; None for the largest that covers `cover` or, without that, for
             the largest beta.
-        cover: magnitudes of the start errors to cover, m and m/s, see `goals.corners`; None for none.
+        cover: magnitudes of the start errors to cover, m and m/s, see `goals.start_corners`; None for none.
         drift: (2,) of the position in x and y, and in z, m/s, to withstand; None for none.
         push: (2,) on x and y, and on z, m/s^2, to withstand; None for none.
         lowest: smallest kappa of the kappa-sets, in (0, 1]; with lag or delay only.
@@ -56,7 +56,7 @@ class Wishes:
         disturbed = self.drift is not None or self.push is not None
         made = self._robust(name, inputs) if disturbed else self._nominal(name, inputs)
         if self.cover is not None:
-            _require_covered(made, corners(self.cover))
+            _require_covered(made, start_corners(self.cover))
         return made
 
     def _nominal(self, name: str, inputs: Mapping[str, str]) -> Certificate:

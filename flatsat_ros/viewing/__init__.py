@@ -5,8 +5,8 @@ read_flight(path)  or  Recorder(...).flight(title)  -> Flight -> report(flight) 
 
 from flatsat_ros.viewing.bag import read_flight
 from flatsat_ros.viewing.figures import figures_of
-from flatsat_ros.viewing.flight import Channel, Event, Flight, Track
+from flatsat_ros.viewing.flight import Channel, Flight, LoggedEvent, Track
 from flatsat_ros.viewing.page import report
 from flatsat_ros.viewing.recorder import Recorder, setup_of
 
-__all__ = ["Channel", "Event", "Flight", "Recorder", "Track", "figures_of", "read_flight", "report", "setup_of"]
+__all__ = ["Channel", "Flight", "LoggedEvent", "Recorder", "Track", "figures_of", "read_flight", "report", "setup_of"]

@@ -20,7 +20,15 @@ from flatsat_ros.base.errors import FlatsatError, one_line
 from flatsat_ros.base.files import check_folder, check_regular, located, unreadable
 from flatsat_ros.base.strict_yaml import read_yaml
 from flatsat_ros.flight.telemetry import FIELDS
-from flatsat_ros.viewing.flight import COMMAND_FIELDS, POSE_FIELDS, Channel, Event, Flight, Track, with_mode_events
+from flatsat_ros.viewing.flight import (
+    COMMAND_FIELDS,
+    POSE_FIELDS,
+    Channel,
+    Flight,
+    LoggedEvent,
+    Track,
+    with_mode_events,
+)
 
 _NANOSECONDS = 1e9
 MESSAGES = 5_000_000  # more are not read
@@ -37,7 +45,7 @@ _DEFINITIONS = {
 }
 
 
-class Seen(NamedTuple):
+class BodyPose(NamedTuple):
     """One body in one message.
 
     Attributes:
@@ -160,22 +168,22 @@ def _stamp(header: Any) -> int:
     return int(header.stamp.sec) * int(_NANOSECONDS) + int(header.stamp.nanosec)
 
 
-def _transforms(message: Any) -> list[Seen]:
-    seen: list[Seen] = []
+def _transforms(message: Any) -> list[BodyPose]:
+    seen: list[BodyPose] = []
     for entry in message.transforms:
         place, turn = entry.transform.translation, entry.transform.rotation
         values = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
-        seen.append(Seen(_stamp(entry.header), str(entry.child_frame_id), values))
+        seen.append(BodyPose(_stamp(entry.header), str(entry.child_frame_id), values))
     return seen
 
 
 # by message type: the poses in a message
-POSE_READERS: Mapping[str, Callable[[Any], list[Seen]]] = {
-    "geometry_msgs/msg/PoseStamped": lambda m: [Seen(_stamp(m.header), "", _pose(m.pose))],
-    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda m: [Seen(_stamp(m.header), "", _pose(m.pose.pose))],
-    "nav_msgs/msg/Odometry": lambda m: [Seen(_stamp(m.header), "", _pose(m.pose.pose))],
+POSE_READERS: Mapping[str, Callable[[Any], list[BodyPose]]] = {
+    "geometry_msgs/msg/PoseStamped": lambda m: [BodyPose(_stamp(m.header), "", _pose(m.pose))],
+    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda m: [BodyPose(_stamp(m.header), "", _pose(m.pose.pose))],
+    "nav_msgs/msg/Odometry": lambda m: [BodyPose(_stamp(m.header), "", _pose(m.pose.pose))],
     "tf2_msgs/msg/TFMessage": _transforms,
-    NAMED_POSES: lambda m: [Seen(_stamp(m.header), str(entry.name), _pose(entry.pose)) for entry in m.poses],
+    NAMED_POSES: lambda m: [BodyPose(_stamp(m.header), str(entry.name), _pose(entry.pose)) for entry in m.poses],
 }
 
 
@@ -185,7 +193,7 @@ def _telemetry(message: Any) -> list[Sample]:
     return [("tick", "", tuple(row.get(name, np.nan) for name in FIELDS))] if "mode" in row else []
 
 
-def _shown(read: Callable[[Any], list[Seen]]) -> Callable[[Any], list[Sample]]:
+def _shown(read: Callable[[Any], list[BodyPose]]) -> Callable[[Any], list[Sample]]:
     """Return what makes samples of the poses in a message, the stamp, ns, behind their values."""
     return lambda message: [("pose", seen.name, (*seen.values, seen.stamp)) for seen in read(message)]
 
@@ -267,7 +275,7 @@ class _Collected:
         ]
         begin = self._begin or 0
         events = [
-            Event((time - begin) / _NANOSECONDS, _drone_named(text, named), severity, text)
+            LoggedEvent((time - begin) / _NANOSECONDS, _drone_named(text, named), severity, text)
             for time, severity, text in self._log
         ]
         return with_mode_events(Flight(title, named, events, self._setup, notes))

@@ -16,7 +16,7 @@ _BELOW = 0.03  # m: a reference so far below all places where the drone was lead
 _SETTLED = 2.0  # s after lift-off, from which on a share of the time is guaranteed
 
 
-class Column(NamedTuple):
+class FigureColumn(NamedTuple):
     """A figure: its name, and its unit."""
 
     name: str
@@ -24,16 +24,16 @@ class Column(NamedTuple):
 
 
 COLUMNS = (
-    Column("poses", "Hz"),
-    Column("error RMS", "cm"),
-    Column("error max", "cm"),
-    Column("guaranteed", "% of FLY"),
-    Column("T min", "m/s²"),
-    Column("T max", "m/s²"),
-    Column("tilt max", "°"),
-    Column("gain max", ""),
-    Column("tick 99 %", "\N{MICRO SIGN}s"),
-    Column("battery min", "V"),
+    FigureColumn("poses", "Hz"),
+    FigureColumn("error RMS", "cm"),
+    FigureColumn("error max", "cm"),
+    FigureColumn("guaranteed", "% of FLY"),
+    FigureColumn("T min", "m/s²"),
+    FigureColumn("T max", "m/s²"),
+    FigureColumn("tilt max", "°"),
+    FigureColumn("gain max", ""),
+    FigureColumn("tick 99 %", "\N{MICRO SIGN}s"),
+    FigureColumn("battery min", "V"),
 )
 
 

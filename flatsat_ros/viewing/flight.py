@@ -53,7 +53,7 @@ class Track:
 
 
 @dataclass(frozen=True)
-class Event:
+class LoggedEvent:
     """Something that happened.
 
     Attributes:
@@ -83,7 +83,7 @@ class Flight:
 
     title: str
     tracks: Sequence[Track]
-    events: Sequence[Event] = ()
+    events: Sequence[LoggedEvent] = ()
     setup: Mapping[str, object] = field(default_factory=dict)
     notes: Sequence[str] = ()
 
@@ -105,7 +105,7 @@ def with_mode_events(flight: Flight) -> Flight:
         for index in np.flatnonzero(np.diff(modes)) + 1:
             before, after = (_mode_name(modes[i]) for i in (index - 1, index))
             severity = "error" if after in ("LEVEL", "DESCEND", "CUT", "FALLEN") else "info"
-            found.append(Event(float(ticks.times[index]), track.name, severity, f"{before} → {after}"))
+            found.append(LoggedEvent(float(ticks.times[index]), track.name, severity, f"{before} → {after}"))
     return replace(flight, events=sorted(found, key=lambda event: event.time))
 
 

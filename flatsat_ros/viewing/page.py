@@ -38,7 +38,7 @@ def report(flight: Flight) -> str:
     )
 
 
-def console() -> str:
+def page_of_console() -> str:
     """Return the page of the console, which is fed by `viewing.server`."""
     return _page(
         title="Console \N{EN DASH} flatsat_ros",
@@ -85,9 +85,9 @@ def encode(flight: Flight) -> bytes:
             "title": flight.title,
             "duration": flight.duration,
             "notes": notes,
-            "setup": plain(dict(flight.setup)),
-            "events": [plain(vars(event)) for event in flight.events],
-            "figures": plain(figures_of(flight)),
+            "setup": json_value(dict(flight.setup)),
+            "events": [json_value(vars(event)) for event in flight.events],
+            "figures": json_value(figures_of(flight)),
             "drones": [
                 {
                     "name": track.name,
@@ -104,14 +104,14 @@ def encode(flight: Flight) -> bytes:
     return b"".join([len(header).to_bytes(4, "little"), header, b"\0" * (-len(header) % 4), *arrays])
 
 
-def plain(value: Any) -> Any:
+def json_value(value: Any) -> Any:
     """Return a value as JSON has it: what is not finite becomes null."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):
-        return {str(name): plain(entry) for name, entry in value.items()}
+        return {str(name): json_value(entry) for name, entry in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain(entry) for entry in value]
+        return [json_value(entry) for entry in value]
     return value
 
 

@@ -35,7 +35,7 @@ def setup_of(certificate: Certificate, policy: Policy) -> dict[str, object]:
     }
 
 
-class Pose(Protocol):
+class MeasuredPose(Protocol):
     """A measured pose, as `flatsat_ros.sim.sensor.Sample` is."""
 
     @property
@@ -70,7 +70,7 @@ class Recorder:
         self._ticks: list[list[FloatArray]] = [[] for _ in names]
         self._commands: list[list[list[float]]] = [[] for _ in names]
 
-    def observe(self, now: float, poses: Iterable[Pose], tick: Tick, sent: Mapping[int, WireSetpoint]) -> None:
+    def observe(self, now: float, poses: Iterable[MeasuredPose], tick: Tick, sent: Mapping[int, WireSetpoint]) -> None:
         """Take in what a tick shows, as `flatsat_ros.fly` calls its observers."""
         for pose in poses:
             self._poses[pose.drone].append([pose.stamp, *pose.position, *pose.quaternion])

@@ -30,7 +30,7 @@ _AGAIN = 0.25  # s, after which a browser that has lost the stream asks for it a
 Command = Callable[[dict[str, Any]], "Future[str]"]
 
 
-class Stream:
+class Broadcast:
     """The newest thing to show, handed to all viewers; viewers that are slow miss some."""
 
     def __init__(self, followed: Callable[[bool], None]) -> None:
@@ -86,7 +86,7 @@ class Stream:
 class ConsoleServer:
     """Serves a page and a stream, and hands commands on."""
 
-    def __init__(self, port: int, page: str, stream: Stream, command: Command) -> None:
+    def __init__(self, port: int, page: str, stream: Broadcast, command: Command) -> None:
         """Let connections come; `serve` answers them.
 
         Args:
@@ -154,7 +154,7 @@ class _Handler(BaseHTTPRequestHandler):
     """One connection of a browser."""
 
     page: bytes
-    stream: Stream
+    stream: Broadcast
     ask: Command
     timeout = _SILENCE
     protocol_version = "HTTP/1.1"

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from flatsat_ros.certificate import answers as sums
 from flatsat_ros.certificate import enclosures
 from flatsat_ros.certificate.answers import answers
-from flatsat_ros.certificate.enclosures import Enclosure, decimal, exponential, growth, sine, upper
+from flatsat_ros.certificate.enclosures import Enclosure, decimal, exponential, exponential_above, sine, upper
 from flatsat_ros.certificate.running_sums import implied
 
 seeds = st.integers(0, 2**32 - 1)
@@ -79,8 +79,8 @@ def test_the_exponential_is_enclosed(seed: int, scale: float) -> None:
 def test_scalars_are_on_the_safe_side_and_close(value: float) -> None:
     x = decimal(value)
     assert Fraction(upper(x)) > x
-    assert growth(x) == pytest.approx(math.exp(value), rel=1e-10)
-    assert Fraction(growth(x)) > sum(x**i / math.factorial(i) for i in range(40))
+    assert exponential_above(x) == pytest.approx(math.exp(value), rel=1e-10)
+    assert Fraction(exponential_above(x)) > sum(x**i / math.factorial(i) for i in range(40))
     assert float(sine(x)) == pytest.approx(math.sin(value), rel=1e-12)
     assert sine(x) < sum((-1) ** i * x ** (2 * i + 1) / math.factorial(2 * i + 1) for i in range(30))
 

@@ -18,11 +18,11 @@ from small_flight import BACK, NONE, certificate_of, flight_of
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.certificate.flight import Axis, Flight
-from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight import Axis, FlightSection
+from flatsat_ros.certificate.flight_cell import PlantBox
 from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_return import Return
-from flatsat_ros.certificate.flight_tube import Assumptions, Tube
+from flatsat_ros.certificate.flight_tube import Assumptions, AxisTube
 from flatsat_ros.law.input_set import InputSet
 
 ASSUMPTIONS = Assumptions(disturbance_rate=0.35, noise=5e-4, acceleration=0.0, jerk=0.58, snap=0.66, pose_age=0.004)
@@ -31,19 +31,19 @@ ASSUMPTIONS = Assumptions(disturbance_rate=0.35, noise=5e-4, acceleration=0.0, j
 @pytest.fixture(scope="module")
 def certificate() -> Certificate:
     design = Design.predicting(0.02, Plant(0.03, 0.14), (0.357, 3.93, 14.2), 30.0, 18.0)
-    sides = Axis(Box(Plant(0.029, 0.138), Plant(0.031, 0.142)), False, design, ("lag", "", ""), NONE, BACK)
+    sides = Axis(PlantBox(Plant(0.029, 0.138), Plant(0.031, 0.142)), False, design, ("lag", "", ""), NONE, BACK)
     softer = replace(design, stiffness=25.0, rate=16.0)
-    upright = Axis(Box(Plant(0.03, 0.135), Plant(0.03, 0.14)), True, softer, ("",), NONE, BACK)
+    upright = Axis(PlantBox(Plant(0.03, 0.135), Plant(0.03, 0.14)), True, softer, ("",), NONE, BACK)
     return certificate_of(flight_of(sides, upright, ASSUMPTIONS, 1.5, 2.2, 0.3), 1.4, {"by": "a test"})
 
 
 @pytest.fixture(scope="module")
-def flight(certificate: Certificate) -> Flight:
+def flight(certificate: Certificate) -> FlightSection:
     assert certificate.flight is not None
     return certificate.flight
 
 
-def test_a_round_trip_changes_nothing(certificate: Certificate, flight: Flight, tmp_path: Path) -> None:
+def test_a_round_trip_changes_nothing(certificate: Certificate, flight: FlightSection, tmp_path: Path) -> None:
     certificate.save(tmp_path / "small.yaml")
     loaded = Certificate.load(tmp_path / "small.yaml")
     assert loaded.flight == flight
@@ -52,12 +52,12 @@ def test_a_round_trip_changes_nothing(certificate: Certificate, flight: Flight, 
     assert (tmp_path / "again.yaml").read_bytes() == (tmp_path / "small.yaml").read_bytes()
 
 
-def test_every_claim_is_checked_without_tolerance(certificate: Certificate, flight: Flight) -> None:
+def test_every_claim_is_checked_without_tolerance(certificate: Certificate, flight: FlightSection) -> None:
     axes = []
     for axis in flight.axes:
         less = {f: v * (1.0 - 1.01e-3) for f, v in asdict(axis.tube).items()}
         back = {f: v * (1.0 - 1.01e-3 * (f != "rate")) for f, v in asdict(axis.back).items()}
-        axes.append(replace(axis, tube=Tube(**less), back=Return(**back)))
+        axes.append(replace(axis, tube=AxisTube(**less), back=Return(**back)))
     smaller = replace(certificate, flight=replace(flight, horizontal=axes[0], vertical=axes[1]))
     claims = {name: margin for name, margin in smaller.margins().items() if " tube, " in name or " way back, " in name}
     assert len(claims) == 16
@@ -100,7 +100,7 @@ def test_the_cap_of_the_gain_must_be_in_the_interval(certificate: Certificate) -
     ],
 )
 def test_a_section_of_another_loop_is_refused(
-    certificate: Certificate, flight: Flight, key: str, value: float, text: str
+    certificate: Certificate, flight: FlightSection, key: str, value: float, text: str
 ) -> None:
     design = replace(flight.horizontal.design, **({key: value} if key in ("stiffness", "rate") else {}))
     other = replace(flight, horizontal=replace(flight.horizontal, design=design))
@@ -109,7 +109,7 @@ def test_a_section_of_another_loop_is_refused(
     assert text in str(refused.value)
 
 
-def started(flight: Flight, name: str, distance: float) -> Flight:
+def started(flight: FlightSection, name: str, distance: float) -> FlightSection:
     """A section whose claims are what a start at a distance, m, adds to them."""
     axis = getattr(flight, name)
     tube = replace(axis.tube, nominal=axis.tube.nominal + axis.back.nominal * distance)
@@ -117,7 +117,7 @@ def started(flight: Flight, name: str, distance: float) -> Flight:
 
 
 def test_starts_within_the_certified_distance_use_no_more_than_what_is_left(
-    certificate: Certificate, flight: Flight
+    certificate: Certificate, flight: FlightSection
 ) -> None:
     limits = certificate.limits
     sides, upright = flight.certified_start(limits)
@@ -141,7 +141,7 @@ sizes = st.floats(0.0, 0.6)
     asked=st.tuples(*[st.floats(-1.0, 1.0)] * 3),
 )
 def test_with_the_margin_nothing_within_the_claims_brings_the_gain_below_one(
-    flight: Flight,
+    flight: FlightSection,
     tilt: float,
     thrust: float,
     claims: tuple[float, ...],
@@ -150,8 +150,8 @@ def test_with_the_margin_nothing_within_the_claims_brings_the_gain_below_one(
     asked: tuple[float, ...],
 ) -> None:
     limits, (across, wrong_across, along, wrong_along, most) = InputSet(thrust * GRAVITY, tilt), claims
-    sides = replace(flight.horizontal, tube=Tube(1.0, 1.0, across, wrong_across))
-    upright = replace(flight.vertical, tube=Tube(1.0, 1.0, along, wrong_along))
+    sides = replace(flight.horizontal, tube=AxisTube(1.0, 1.0, across, wrong_across))
+    upright = replace(flight.vertical, tube=AxisTube(1.0, 1.0, along, wrong_along))
     section = replace(flight, disturbance=most, horizontal=sides, vertical=upright)
     section = replace(section, margin=float(section.taken(limits).tilt_max) + 1e-9)
     assume(min(section.left(limits)) > 1e-3)
@@ -172,7 +172,7 @@ def test_with_the_margin_nothing_within_the_claims_brings_the_gain_below_one(
     assert limits.exit_factor(f - (disturbance - wrong), nominal) >= 1.0 - 1e-12
 
 
-def test_what_is_taken_of_the_tilt_is_taken_by_something(certificate: Certificate, flight: Flight) -> None:
+def test_what_is_taken_of_the_tilt_is_taken_by_something(certificate: Certificate, flight: FlightSection) -> None:
     limits, (sides, upright) = certificate.limits, (axis.tube for axis in flight.axes)
     out = np.array([math.cos(limits.tilt_max), -math.sin(limits.tilt_max)])  # of the cone
     taken = np.array([sides.nominal + sides.disturbance, -upright.nominal - upright.disturbance])
@@ -183,7 +183,7 @@ def test_what_is_taken_of_the_tilt_is_taken_by_something(certificate: Certificat
     assert limits.contains([across, 0.0, up], 0.0)
 
 
-def test_a_disturbance_that_leaves_no_room_is_refused(certificate: Certificate, flight: Flight) -> None:
+def test_a_disturbance_that_leaves_no_room_is_refused(certificate: Certificate, flight: FlightSection) -> None:
     with pytest.raises(FlatsatError, match="every applied gain is at least 1' fails by"):
         replace(certificate, flight=replace(flight, disturbance=1.5)).verify()
     with pytest.raises(FlatsatError, match="margin is one that a hovering drone has' fails by"):

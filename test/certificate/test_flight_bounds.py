@@ -10,11 +10,11 @@ import pytest
 
 from flatsat_ros.certificate.enclosures import decimal
 from flatsat_ros.certificate.flight_bounds import Drives
-from flatsat_ros.certificate.flight_cell import Box, Cell
+from flatsat_ros.certificate.flight_cell import Cell, PlantBox
 from flatsat_ros.certificate.flight_loop import FlightLoop
-from flatsat_ros.certificate.flight_plant import Design, Dynamics, Plant, pieces
+from flatsat_ros.certificate.flight_plant import Design, Plant, PlantEquation, pieces
 from flatsat_ros.certificate.flight_tube import cell_bounds
-from flatsat_ros.falsification.worst_gains import corners
+from flatsat_ros.falsification.worst_gains import extreme_plants
 
 # Within so short a period signals hardly move: what is added for all times between the nodes is a hundredth.
 PERIOD, GAIN, NOISE = 0.004, 1.2, 1e-3
@@ -29,7 +29,7 @@ def separated(plant: Plant, cell: Cell) -> float:
 
     It is looked for at four times of a period, of which one is that when the command changes.
     """
-    loop, middle = FlightLoop(DESIGN, plant), Dynamics([float(q) for q in cell.parameters], float(cell.drag))
+    loop, middle = FlightLoop(DESIGN, plant), PlantEquation([float(q) for q in cell.parameters], float(cell.drag))
     h, delay, gain = decimal(PERIOD), decimal(plant.delay), float(cell.parameters[1] / cell.parameters[0])
     command, rows = loop.compensation + GAIN * loop.feedback, []
     older, younger = pieces(delay, h, h)
@@ -52,8 +52,8 @@ def test_what_separates_plants_is_bounded_by_what_it_becomes_at_the_worst_one(se
     spread = dict(zip(("frequency", "damping", "gain", "tilt"), 10 ** random.uniform(-5, -4, 4), strict=True))
     widths = {"frequency": 15.0, "damping": 1.0, "gain": 1.0, "tilt": 10.0}
     high = {name: getattr(LOW, name) + widths[name] * share for name, share in spread.items()}
-    box = Box(LOW, replace(LOW, **high))
-    cell, plants = Cell(box), corners(box)
+    box = PlantBox(LOW, replace(LOW, **high))
+    cell, plants = Cell(box), extreme_plants(box)
     for _ in range(4):
         plants.append(replace(LOW, **{name: float(random.uniform(getattr(LOW, name), high[name])) for name in high}))
     worst = max(separated(plant, cell) for plant in plants)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from flatsat_ros.certificate import flight_return
-from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight_cell import PlantBox
 from flatsat_ros.certificate.flight_loop import FlightLoop
 from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_return import Return, box_claims, cell_claims
@@ -20,7 +20,7 @@ from flatsat_ros.certificate.flight_tube import Assumptions, box_tube, cells
 
 PERIOD, RATE = 0.02, 0.6
 DESIGN = Design.predicting(PERIOD, Plant(0.03, 0.14), (0.357, 3.93, 14.2), 20.0, 12.0)
-BOX = Box(Plant(0.028, 0.136, gain=0.98), Plant(0.032, 0.144, gain=1.02))
+BOX = PlantBox(Plant(0.028, 0.136, gain=0.98), Plant(0.032, 0.144, gain=1.02))
 CUTS = ("delay", "lag", "", "", "lag", "", "")
 STILL = Assumptions(disturbance_rate=0.35, noise=5e-4, acceleration=1.0, jerk=0.58, snap=0.66)
 
@@ -45,7 +45,7 @@ def returned() -> Return:
 
 
 def test_it_is_the_largest_of_all_cells_although_most_are_bounded_coarsely(monkeypatch: pytest.MonkeyPatch) -> None:
-    box = Box(Plant(0.022, 0.11, gain=0.98), Plant(0.038, 0.17, gain=1.02))
+    box = PlantBox(Plant(0.022, 0.11, gain=0.98), Plant(0.038, 0.17, gain=1.02))
     cuts: tuple[str, ...] = ("",)
     for name in ("delay", "lag", "delay", "lag"):
         cuts = (name, *cuts, *cuts)
@@ -91,7 +91,7 @@ def test_starts_decay_as_is_claimed(returned: Return) -> None:
 
 def test_for_one_plant_and_one_gain_it_is_what_happens() -> None:
     plant = Plant(0.031, 0.142, gain=0.99)
-    _, found = cell_claims(DESIGN, [Box(plant, plant)], 1.2, 1.2, RATE, STILL)[0]
+    _, found = cell_claims(DESIGN, [PlantBox(plant, plant)], 1.2, 1.2, RATE, STILL)[0]
     for entry, claims in enumerate(
         ((found.position, found.nominal), (found.position_velocity, found.nominal_velocity))
     ):

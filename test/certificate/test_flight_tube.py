@@ -17,10 +17,10 @@ from scipy.optimize import linprog
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.enclosures import decimal
 from flatsat_ros.certificate.flight_batch import Cells
-from flatsat_ros.certificate.flight_cell import Box, Cell
+from flatsat_ros.certificate.flight_cell import Cell, PlantBox
 from flatsat_ros.certificate.flight_loop import FlightLoop
-from flatsat_ros.certificate.flight_plant import Design, Dynamics, Plant
-from flatsat_ros.certificate.flight_tube import Assumptions, Tube, cell_bounds, cell_tubes
+from flatsat_ros.certificate.flight_plant import Design, Plant, PlantEquation
+from flatsat_ros.certificate.flight_tube import Assumptions, AxisTube, cell_bounds, cell_tubes
 
 PERIOD = 0.02
 STILL = Assumptions(disturbance_rate=0.35, noise=5e-4, acceleration=1.0, jerk=0.58, snap=0.66)
@@ -30,20 +30,20 @@ SECOND = Design.predicting(
 )
 DESIGNS = {"first": FIRST, "second": SECOND}
 BOXES = {
-    "first": Box(Plant(0.029, 0.136, gain=0.98), Plant(0.031, 0.14, gain=1.0, drag=0.05)),
-    "second": Box(
+    "first": PlantBox(Plant(0.029, 0.136, gain=0.98), Plant(0.031, 0.14, gain=1.0, drag=0.05)),
+    "second": PlantBox(
         Plant(0.0405, frequency=15.8, damping=0.545, gain=0.99, tilt=0.255, drag=0.38),
         Plant(0.0415, frequency=16.0, damping=0.55, gain=1.0, tilt=0.26, drag=0.4),
     ),
 }
 
 
-def cell_tube(design: Design, box: Box, *arguments: Any, **named: Any) -> Tube:
+def cell_tube(design: Design, box: PlantBox, *arguments: Any, **named: Any) -> AxisTube:
     (tube,) = cell_tubes(design, [box], *arguments, **named)
     return tube
 
 
-def some_plant(box: Box, random: np.random.Generator, corner: bool) -> Plant:
+def some_plant(box: PlantBox, random: np.random.Generator, corner: bool) -> Plant:
     figures = {}
     for name in ("delay", "lag", "frequency", "damping", "gain", "tilt", "drag"):
         low, high = getattr(box.low, name), getattr(box.high, name)
@@ -109,7 +109,7 @@ def test_no_attack_leaves_the_tube(order: str, gain_max: float) -> None:
 @pytest.mark.parametrize("order", DESIGNS)
 def test_for_one_plant_and_one_gain_the_tube_is_what_an_attack_reaches(order: str) -> None:
     design, plant = DESIGNS[order], some_plant(BOXES[order], np.random.default_rng(2), corner=False)
-    tube = cell_tube(design, Box(plant, plant), 1.2, 1.2, STILL)
+    tube = cell_tube(design, PlantBox(plant, plant), 1.2, 1.2, STILL)
     position, nominal = attacked(design, plant, STILL, np.full(1500, 1.2))
     assert position <= tube.position <= 1.02 * position  # what is between the ticks is more, too
     assert nominal <= tube.nominal <= 1.02 * nominal  # of held commands the second order is bounded coarsely
@@ -119,7 +119,7 @@ def test_for_one_plant_and_one_gain_the_tube_is_what_an_attack_reaches(order: st
 def test_commands_that_are_held_while_the_reference_moves_on_do_little(order: str) -> None:
     design, plant = DESIGNS[order], some_plant(BOXES[order], np.random.default_rng(3), corner=False)
     loop = FlightLoop(design, plant)
-    _, bounds = next(cell_bounds(design, [Box(plant, plant)], 1.0, 1.0, 0.0, False))
+    _, bounds = next(cell_bounds(design, [PlantBox(plant, plant)], 1.0, 1.0, 0.0, False))
     port = plant.system[1][-1] * plant.gain
     half = PERIOD / 2.0
     for model, held, plain in (
@@ -191,7 +191,7 @@ def test_no_attack_leaves_the_tube_while_the_lag_changes() -> None:
 IDENTIFIED = Design.predicting(
     PERIOD, Plant(0.03353, frequency=15.64, damping=0.6404, tilt=-0.26, drag=0.41), (0.3396, 3.505, 10.08), 37.79, 18.96
 )
-CORNER = Box(
+CORNER = PlantBox(
     Plant(0.0488, frequency=12.5, damping=0.5904, gain=0.7921, tilt=-0.26, drag=0.41),
     Plant(0.05, frequency=12.83, damping=0.6, gain=0.8019, tilt=-0.26, drag=0.41),
 )
@@ -199,7 +199,7 @@ CORNER = Box(
 
 def test_what_separates_plants_of_the_second_order_is_bounded_by_direction() -> None:
     assumptions, reached = replace(STILL, acceleration=0.4), np.zeros(2)
-    exact = cell_tube(IDENTIFIED, Box(*[replace(CORNER.low, delay=0.05, damping=0.6)] * 2), 1.0, 1.5, assumptions)
+    exact = cell_tube(IDENTIFIED, PlantBox(*[replace(CORNER.low, delay=0.05, damping=0.6)] * 2), 1.0, 1.5, assumptions)
     tube = cell_tube(IDENTIFIED, CORNER, 1.0, 1.5, assumptions)
     assert exact.position <= tube.position <= 1.1 * exact.position  # by its parts it is 1.15
     random = np.random.default_rng(5)
@@ -210,12 +210,12 @@ def test_what_separates_plants_of_the_second_order_is_bounded_by_direction() -> 
     assert (reached <= [tube.position, tube.nominal]).all()
 
 
-LEANING = Box(replace(BOXES["second"].low, tilt=-0.3), replace(BOXES["second"].high, frequency=17.0, tilt=-0.05))
+LEANING = PlantBox(replace(BOXES["second"].low, tilt=-0.3), replace(BOXES["second"].high, frequency=17.0, tilt=-0.05))
 
 
 @given(seed=st.integers(0, 2**32 - 1), box=st.sampled_from([*BOXES.values(), LEANING]), corner=st.booleans())
 @settings(max_examples=20)
-def test_every_plant_of_a_box_is_between_the_vertices_of_its_cell(seed: int, box: Box, corner: bool) -> None:
+def test_every_plant_of_a_box_is_between_the_vertices_of_its_cell(seed: int, box: PlantBox, corner: bool) -> None:
     random = np.random.default_rng(seed)
     cell, plant = Cell(box), some_plant(box, random, corner)
     if corner and plant.frequency > 0.0:  # between corners that differ in the frequency alone there is a curve
@@ -243,7 +243,7 @@ def test_every_plant_of_a_box_is_between_the_vertices_of_its_cell(seed: int, box
         np.testing.assert_allclose(alone.pulls.mid[0] @ z, directed.T.ravel(), rtol=1e-9, atol=1e-9)
         np.testing.assert_array_equal(np.unique(vertices[:, :-1], axis=0), np.unique(alone.directions[0], axis=0))
     signals = alone.on_state.mid[0] @ x + alone.on_command.mid[0, :, 0] * c
-    middle = Dynamics([float(q) for q in cell.parameters], float(cell.drag))
+    middle = PlantEquation([float(q) for q in cell.parameters], float(cell.drag))
     own, other = (body.system[0] @ x + g * body.system[1] * c for body, g in ((plant, plant.gain), (middle, gain)))
     other[1] += (float(cell.drag) - plant.drag) * x[1]
     np.testing.assert_allclose(own, other + np.eye(plant.size)[-1] * (point[:-1] @ signals), rtol=1e-9, atol=1e-9)
@@ -275,7 +275,7 @@ def test_the_derivatives_of_a_cell_are_those_of_the_step(order: str) -> None:
         np.testing.assert_allclose(cells.derivatives.mid[0, i], difference, rtol=1e-5, atol=1e-7)
 
 
-def within(box: Box, plant: Plant) -> bool:
+def within(box: PlantBox, plant: Plant) -> bool:
     return all(low <= getattr(plant, name) <= high for name, (low, high) in box.spread.items())
 
 
@@ -283,7 +283,7 @@ def within(box: Box, plant: Plant) -> bool:
 @settings(max_examples=20)
 def test_every_plant_of_a_box_is_in_one_of_its_halves(seed: int) -> None:
     random = np.random.default_rng(seed)
-    box = Box(Plant(0.015, 0.1, gain=0.9), Plant(0.045, 0.2, gain=1.1))
+    box = PlantBox(Plant(0.015, 0.1, gain=0.9), Plant(0.045, 0.2, gain=1.1))
     plant = some_plant(box, random, corner=False)
     for name in random.choice(sorted(box.spread), 6):
         inside = [half for half in box.halves(str(name), PERIOD) if within(half, plant)]
@@ -306,28 +306,28 @@ def test_larger_boxes_gain_intervals_and_inputs_have_larger_tubes() -> None:
 
 
 def test_what_has_no_bound_is_infinite() -> None:
-    plant, none = Plant(0.03, 0.14), Tube(math.inf, math.inf, math.inf, math.inf)
+    plant, none = Plant(0.03, 0.14), AxisTube(math.inf, math.inf, math.inf, math.inf)
     unstable = Design.predicting(PERIOD, plant, (0.357, 3.93, 14.2), 42.8, 120.0)  # beyond 2 / (K2 h)
-    assert cell_tube(unstable, Box(plant, plant), 1.0, 1.0, STILL) == none
-    wide = Box(Plant(0.021, 0.05, gain=0.5), Plant(0.039, 0.3, gain=1.5))
+    assert cell_tube(unstable, PlantBox(plant, plant), 1.0, 1.0, STILL) == none
+    wide = PlantBox(Plant(0.021, 0.05, gain=0.5), Plant(0.039, 0.3, gain=1.5))
     assert cell_tube(FIRST, wide, 1.0, 1.5, STILL) == none
 
 
 @pytest.mark.parametrize(
     ("build", "text"),
     [
-        (lambda: Box(Plant(0.03, 0.2), Plant(0.03, 0.1)), "low lag = 0.2: must be at most the high one, 0.1"),
-        (lambda: Box(Plant(0.03), Plant(0.03)), "size of a plant's state = 2: must be 3 or 4"),
+        (lambda: PlantBox(Plant(0.03, 0.2), Plant(0.03, 0.1)), "low lag = 0.2: must be at most the high one, 0.1"),
+        (lambda: PlantBox(Plant(0.03), Plant(0.03)), "size of a plant's state = 2: must be 3 or 4"),
         (
-            lambda: Box(Plant(0.03, 0.1, drag=0.2), Plant(0.03, 0.1, drag=0.1)),
+            lambda: PlantBox(Plant(0.03, 0.1, drag=0.2), Plant(0.03, 0.1, drag=0.1)),
             "low drag = 0.2: must be at most the high one, 0.1",
         ),
         (
-            lambda: cell_tube(FIRST, Box(Plant(0.03, 0.1), Plant(0.05, 0.1)), 1.0, 1.5, STILL),
+            lambda: cell_tube(FIRST, PlantBox(Plant(0.03, 0.1), Plant(0.05, 0.1)), 1.0, 1.5, STILL),
             "must have no whole period inside",
         ),
         (
-            lambda: cell_tube(FIRST, Box(Plant(3e6, 0.1), Plant(3e6, 0.1)), 1.0, 1.5, STILL),
+            lambda: cell_tube(FIRST, PlantBox(Plant(3e6, 0.1), Plant(3e6, 0.1)), 1.0, 1.5, STILL),
             "delay = 3000000.0 s: must be at most 0.8 s, 40 periods",
         ),
         (

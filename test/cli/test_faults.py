@@ -12,7 +12,7 @@ from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE
 from flatsat_ros.cli.faults import main
 from flatsat_ros.falsification.faults import accepted
 from flatsat_ros.falsification.faults.accepted import Accepted
-from flatsat_ros.falsification.faults.criteria import Bounds, End
+from flatsat_ros.falsification.faults.criteria import Criteria, End
 
 pytestmark = pytest.mark.in_process
 
@@ -30,7 +30,7 @@ def test_rows_are_flown_and_written_beside_those_that_are_there(
     assert (row["fault"], row["phase"], row["passed"]) == ("nothing", "take-off", True)
     assert "| `nothing` |" in (tmp_path / "out" / "faults.md").read_text(encoding="utf-8")
     # a row that is listed as one that may fail, and passes, has passed, and that is told
-    bounds, text = Bounds(End.SAFE), "It does not."
+    bounds, text = Criteria(End.SAFE), "It does not."
     monkeypatch.setattr(accepted, "ACCEPTED", (Accepted("emergency_early", ("take-off",), bounds, text, text),))
     assert main(["--fault", "emergency_early", *arguments[2:-4], "--workers", "1", *arguments[-2:]]) == 0
     shown = capsys.readouterr().out

@@ -14,7 +14,7 @@ from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, load_certificate
 from flatsat_ros.demo import exchange, headless
 from flatsat_ros.demo.record import RobotRecord, failures
-from flatsat_ros.demo.scenario import planned, record_of
+from flatsat_ros.demo.scenario import planned_flight, record_of
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.telemetry import FIELDS
@@ -65,7 +65,7 @@ def test_two_drones_exchange_their_places_in_wind_inside_their_tubes(
 
 
 def test_what_a_plan_proves_and_its_flight_broke_is_named(tmp_path: Path) -> None:
-    scenario = planned(save(tmp_path / "plan.yaml", (0.0, 0.0, 0.6), (0.6, 0.0, 0.6)))
+    scenario = planned_flight(save(tmp_path / "plan.yaml", (0.0, 0.0, 0.6), (0.6, 0.0, 0.6)))
     assert scenario.plan is not None
     tube = scenario.plan.plan.drones[0].tube.radius
     times = np.arange(0.0, scenario.duration + 0.1, 0.01)
@@ -102,38 +102,38 @@ def test_drones_of_an_exchange_stand_apart_and_go_to_the_other_side(count: int) 
 
 
 def test_a_plan_that_begins_on_the_floor_is_flown_above_a_lower_one(tmp_path: Path) -> None:
-    scenario = planned(save(tmp_path / "plan.yaml", (0.0, 0.0, -0.22)))
+    scenario = planned_flight(save(tmp_path / "plan.yaml", (0.0, 0.0, -0.22)))
     assert scenario.floor == -0.8
     assert scenario.height == pytest.approx(0.58)
     summary = headless.fly(scenario).summary()
     assert failures(summary) == []
     assert summary["robots"]["cf1"]["landed"]
-    assert planned(save(tmp_path / "higher.yaml", (0.0, 0.0, 0.3))).floor == 0.0
+    assert planned_flight(save(tmp_path / "higher.yaml", (0.0, 0.0, 0.3))).floor == 0.0
 
 
 @pytest.mark.parametrize("wind", [-0.1, 1.2, float("nan")])
 def test_wind_that_the_certificate_does_not_assume_is_refused(wind: float, tmp_path: Path) -> None:
     path = save(tmp_path / "plan.yaml", (0.0, 0.0, 0.6))
     with pytest.raises(FlatsatError, match=r"--wind = .* m/s: must be from 0 to 1\.096 m/s"):
-        planned(path, wind)
+        planned_flight(path, wind)
 
 
 def test_drones_that_would_stand_too_near_to_each_other_are_named(tmp_path: Path) -> None:
     path = save(tmp_path / "plan.yaml", (0.0, 0.0, 0.6), (0.1, 0.0, 2.0))
     with pytest.raises(FlatsatError, match=r"distance of cf1 and cf2 on the floor below their first .* = 0.1 m: must"):
-        planned(path)
+        planned_flight(path)
 
 
 def test_small_drones_stand_as_near_to_each_other_as_their_plan_leads_them(tmp_path: Path) -> None:
-    scenario = planned(save(tmp_path / "plan.yaml", (0.0, 0.0, 0.6), (0.38, 0.0, 0.6)))
+    scenario = planned_flight(save(tmp_path / "plan.yaml", (0.0, 0.0, 0.6), (0.38, 0.0, 0.6)))
     assert scenario.plan is not None
     first, second = scenario.plan.plan.drones
     assert 0.3 < scenario.policy.separation < float(first.radius + second.radius) < 0.37
-    far = planned(save(tmp_path / "far.yaml", (0.0, 0.0, 0.6)))
+    far = planned_flight(save(tmp_path / "far.yaml", (0.0, 0.0, 0.6)))
     assert far.policy.separation == Policy().separation
 
 
 def test_a_plan_that_leaves_the_room_is_refused_before_anything_flies(tmp_path: Path) -> None:
     path = save(tmp_path / "plan.yaml", (0.0, 0.0, 0.6), (25.0, 0.0, 0.6))
     with pytest.raises(FlatsatError, match=r"x of the reference of cf2 = 25\.0 m: must be from -20 to 20 m"):
-        planned(path)
+        planned_flight(path)

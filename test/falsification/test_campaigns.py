@@ -17,7 +17,7 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.falsification import adversary
 from flatsat_ros.falsification.adversary import SwingingReferences
-from flatsat_ros.falsification.campaigns import CAMPAIGNS, RUNS, STEPS, Outcome, Pool, run
+from flatsat_ros.falsification.campaigns import CAMPAIGNS, RUNS, STEPS, CampaignOutcome, Pool, run
 from flatsat_ros.falsification.claims import ROUNDING
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis.nominal import synthesize
@@ -36,7 +36,7 @@ def pool() -> Pool:
     }
 
 
-def claims(outcome: Outcome) -> set[str]:
+def claims(outcome: CampaignOutcome) -> set[str]:
     """What failed."""
     return {violation.claim for violation in outcome.violations}
 

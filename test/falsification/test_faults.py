@@ -28,7 +28,7 @@ from flatsat_ros.falsification.faults.accepted import (
     not_needed,
     require_sound,
 )
-from flatsat_ros.falsification.faults.criteria import Bounds, End, Outcome, Remark, broken
+from flatsat_ros.falsification.faults.criteria import Criteria, DroneOutcome, End, Remark, broken
 from flatsat_ros.falsification.faults.live_table import LIVE_FAULTS
 from flatsat_ros.falsification.faults.page import bounds_of, cell, page
 from flatsat_ros.falsification.faults.phases import PLANS, Phase
@@ -55,7 +55,7 @@ class Frozen(Pilot):
         return replace(self.kept, transitions=())
 
 
-STANDING = Outcome(
+STANDING = DroneOutcome(
     met=True,
     impact=0.0,
     distance=0.0,
@@ -107,7 +107,7 @@ def hover() -> Scene:
     return flown()
 
 
-def problems(scene: Scene, bounds: Bounds, *, lands: bool = False) -> list[str]:
+def problems(scene: Scene, bounds: Criteria, *, lands: bool = False) -> list[str]:
     return list(broken(scene.outcomes(), bounds, (0,), scene.remarks, lands=lands))
 
 
@@ -126,7 +126,7 @@ def accepted(**changes: Any) -> Accepted:
     entry: dict[str, Any] = {
         "fault": "gusts_2",
         "phases": ("hover",),
-        "bounds": Bounds(End.SAFE, distance=2.0),
+        "bounds": Criteria(End.SAFE, distance=2.0),
         "happens": "It drifts 1 m.",
         "advice": "Wait for less wind.",
     }
@@ -172,7 +172,7 @@ def test_a_fault_is_not_needed_on_the_list_once_it_passes_in_all_of_its_phases()
 def test_a_flight_is_accepted_in_listed_phases_as_long_as_it_keeps_the_bounds_there(
     distance: float, speed: float, *, usual: bool, phase: Phase
 ) -> None:
-    bounds = Bounds(End.DOWN, distance=2.0, impact=1.5, told="wind")
+    bounds = Criteria(End.DOWN, distance=2.0, impact=1.5, told="wind")
     entry = accepted(phases=("hover",), others=("swap",), bounds=bounds)
     certificate = DEFAULT_CERTIFICATE if usual else "soft"
     fallen = replace(STANDING, distance=distance, impact=speed)
@@ -249,24 +249,24 @@ def test_the_distance_to_a_path_is_the_least_to_its_places(
 
 
 def test_a_hover_keeps_its_bounds_and_breaks_each_that_is_too_narrow(hover: Scene) -> None:
-    assert problems(hover, Bounds(End.DONE)) == []
-    assert problems(hover, Bounds(End.SAFE)) == []
+    assert problems(hover, Criteria(End.DONE)) == []
+    assert problems(hover, Criteria(End.SAFE)) == []
     for narrow, text in [
-        (Bounds(End.DONE, distance=0.0), "off its path"),
-        (Bounds(End.DONE, separation=1.5), "came within"),
-        (Bounds(End.DONE, told="never told"), "nothing was told of drone 0"),
-        (Bounds(End.DONE, arrival=0.0), "from its goal"),
-        (Bounds(End.DOWN), "ends in the air"),
-        (Bounds(End.GROUNDED), "rose to 1."),
+        (Criteria(End.DONE, distance=0.0), "off its path"),
+        (Criteria(End.DONE, separation=1.5), "came within"),
+        (Criteria(End.DONE, told="never told"), "nothing was told of drone 0"),
+        (Criteria(End.DONE, arrival=0.0), "from its goal"),
+        (Criteria(End.DOWN), "ends in the air"),
+        (Criteria(End.GROUNDED), "rose to 1."),
     ]:
         assert any(text in problem for problem in problems(hover, narrow)), text
-    assert problems(hover, Bounds(End.DONE), lands=True) != []
+    assert problems(hover, Criteria(End.DONE), lands=True) != []
 
 
 @pytest.mark.parametrize("figure", ["impact", "distance", "separation"])
 def test_what_is_not_a_number_breaks_its_bound(figure: str) -> None:
     scene = Scene(PAIR, 1)
-    widest = Bounds(End.GROUNDED, impact=math.inf, distance=math.inf, separation=0.0)
+    widest = Criteria(End.GROUNDED, impact=math.inf, distance=math.inf, separation=0.0)
     assert [problem for problem in problems(scene, widest) if "drone 0" in problem] == []
     getattr(scene.record, figure)[0] = math.nan
     scene.record.met[0] = True
@@ -277,12 +277,12 @@ def test_a_place_that_is_not_a_number_is_noted() -> None:
     scene = Scene(PAIR, 1)
     scene.fleet.bodies.position[0] = math.nan
     scene.let_pass(0.1)
-    found = problems(scene, Bounds(End.SAFE, distance=math.inf))
+    found = problems(scene, Criteria(End.SAFE, distance=math.inf))
     assert any("nan m off its path" in problem for problem in found)
 
 
 def test_only_what_was_told_of_the_drone_itself_counts(hover: Scene) -> None:
-    bounds = Bounds(End.DONE, told="pose")
+    bounds = Criteria(End.DONE, told="pose")
     for drone, holds in ((0, True), (1, False)):
         told = [Remark(9.0, drone, "no fresh POSE")]
         assert (list(broken(hover.outcomes(), bounds, (0,), told, lands=False)) == []) is holds
@@ -290,10 +290,10 @@ def test_only_what_was_told_of_the_drone_itself_counts(hover: Scene) -> None:
 
 def test_who_rises_again_after_the_floor_does_not_stand() -> None:
     scene = Scene(PAIR, 1)
-    assert problems(scene, Bounds(End.DOWN))[:1] != ["drone 0"]
+    assert problems(scene, Criteria(End.DOWN))[:1] != ["drone 0"]
     scene.record.relaunched[0] = True
-    assert any("risen from the floor again" in problem for problem in problems(scene, Bounds(End.DOWN)))
-    assert not any("drone 0" in problem for problem in problems(scene, Bounds(End.DOWN, again=True)))
+    assert any("risen from the floor again" in problem for problem in problems(scene, Criteria(End.DOWN)))
+    assert not any("drone 0" in problem for problem in problems(scene, Criteria(End.DOWN, again=True)))
 
 
 def test_rows_come_back_from_their_file(tmp_path: Path) -> None:

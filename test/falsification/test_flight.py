@@ -14,8 +14,8 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.base.strict_yaml import read_yaml, write_yaml
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.certificate.flight import Axis, Flight
-from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight import Axis, FlightSection
+from flatsat_ros.certificate.flight_cell import PlantBox
 from flatsat_ros.certificate.flight_loop import FlightLoop
 from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_tube import Assumptions
@@ -23,7 +23,7 @@ from flatsat_ros.cli.falsify import main
 from flatsat_ros.falsification import flight as attacks
 from flatsat_ros.falsification import worst_gains
 from flatsat_ros.falsification.exact_drones import ExactDrones, draw_plants
-from flatsat_ros.falsification.flight import Outcome, attack
+from flatsat_ros.falsification.flight import AttackOutcome, attack
 from flatsat_ros.falsification.flight_claims import Found
 from flatsat_ros.falsification.flight_report import FlightTally, exact_at
 from flatsat_ros.flight.pilot import Pilot
@@ -39,7 +39,7 @@ ASSUMPTIONS = Assumptions(disturbance_rate=0.35, noise=5e-4, acceleration=0.0, j
 def small() -> Certificate:
     """What is proved for nearly one plant and nearly one gain, so that the tube is what can be reached."""
     design = Design.predicting(PERIOD, Plant(0.03, 0.14), (0.357, 3.93, 14.2), 30.0, 18.0)
-    sides = Axis(Box(Plant(0.0298, 0.139), Plant(0.0302, 0.141)), False, design, ("",), NONE, BACK)
+    sides = Axis(PlantBox(Plant(0.0298, 0.139), Plant(0.0302, 0.141)), False, design, ("",), NONE, BACK)
     upright = replace(sides, design=replace(design, stiffness=25.0, rate=16.0))
     return certificate_of(flight_of(sides, upright, ASSUMPTIONS, GAIN_MAX, 2.2, 0.45), GAIN_MAX)
 
@@ -60,17 +60,17 @@ def certificate() -> Certificate:
 
 
 @pytest.fixture(scope="module")
-def flown(certificate: Certificate) -> list[Outcome]:
+def flown(certificate: Certificate) -> list[AttackOutcome]:
     """One attack on what is claimed of x and y, and one of z."""
     return [attack(seed, certificate) for seed in range(2)]
 
 
-def section(certificate: Certificate) -> Flight:
+def section(certificate: Certificate) -> FlightSection:
     assert certificate.flight is not None
     return certificate.flight
 
 
-def position(outcome: Outcome, axis: int) -> Found:
+def position(outcome: AttackOutcome, axis: int) -> Found:
     return max((one for one in outcome.found if (one.axis, one.signal) == (axis, 0)), key=lambda one: one.ratio)
 
 
@@ -81,7 +81,7 @@ def with_axes(certificate: Certificate, change: Callable[[Axis], Axis]) -> Certi
 
 
 def test_no_claim_fails_and_the_worst_runs_reach_nine_tenths_of_what_is_exact(
-    certificate: Certificate, flown: list[Outcome]
+    certificate: Certificate, flown: list[AttackOutcome]
 ) -> None:
     certificate.verify()
     for axis, outcome in enumerate(flown):
@@ -95,7 +95,7 @@ def test_no_claim_fails_and_the_worst_runs_reach_nine_tenths_of_what_is_exact(
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_tube_five_per_cent_below_the_worst_run_is_refuted(
-    axis: int, certificate: Certificate, flown: list[Outcome]
+    axis: int, certificate: Certificate, flown: list[AttackOutcome]
 ) -> None:
     less = 0.95 * position(flown[axis], axis).ratio
     wrong = with_axes(certificate, lambda a: replace(a, tube=replace(a.tube, position=less * a.tube.position)))
@@ -153,7 +153,7 @@ def test_gains_are_found_that_are_worse_than_any_that_rest_where_there_are_some(
     flight = section(certificate)
     axis = flight.horizontal
     calm = worst_gains.worst_gains(flight, axis, GAIN_MAX)
-    assert calm.plant in worst_gains.corners(axis.box)
+    assert calm.plant in worst_gains.extreme_plants(axis.box)
     assert calm.resting <= calm.any * (1.0 + 1e-3) <= 1.02 * calm.resting
     assert calm.any < axis.tube.position
     limit = smallest_destabilising(axis.design, axis.box.high)
@@ -192,7 +192,7 @@ def test_exact_drones_are_what_fine_steps_make_of_the_plant(plant: Plant) -> Non
 
 
 def test_plants_are_drawn_at_the_ends_and_inside_and_keep_what_does_not_change() -> None:
-    box = Box(Plant(0.02, 0.1, gain=0.9), Plant(0.03, 0.2, gain=1.1))
+    box = PlantBox(Plant(0.02, 0.1, gain=0.9), Plant(0.03, 0.2, gain=1.1))
     plants = draw_plants(np.random.default_rng(0), box, 50, lag_varies=False)
     assert {box.low.lag, box.high.lag} < {plant.lag for plant in plants}
     assert all(0.02 <= plant.delay <= 0.03 and 0.9 <= plant.gain <= 1.1 for plant in plants)
@@ -219,7 +219,7 @@ def test_the_command_reports_and_ends_with_1_for_a_breach(
     assert "--sabotage: not used with" in capsys.readouterr().err
 
 
-def test_the_report_says_how_near_the_runs_came(certificate: Certificate, flown: list[Outcome]) -> None:
+def test_the_report_says_how_near_the_runs_came(certificate: Certificate, flown: list[AttackOutcome]) -> None:
     tally = FlightTally()
     for outcome in flown:
         tally.add(outcome)
@@ -240,7 +240,7 @@ def test_what_is_not_claimed_is_not_attacked() -> None:
 def test_attitudes_of_second_order_follow_a_reference_of_constant_jerk(certificate: Certificate) -> None:
     model = Plant(0.04, frequency=16.0, damping=0.55)
     design = Design.predicting(PERIOD, model, (0.3, 2.6, 7.0), 20.0, 10.0)
-    axis = Axis(Box(model, model), False, design, ("",), NONE, BACK)
+    axis = Axis(PlantBox(model, model), False, design, ("",), NONE, BACK)
     rate, block = ideal_block(20.0, 10.0)
     flight = replace(section(certificate), horizontal=axis, vertical=axis)
     second = replace(certificate, rate=rate, block=block, block_vertical=None, flight=flight)

@@ -9,7 +9,7 @@ from small_flight import BACK, NONE, certificate_of, flight_of
 
 from flatsat_ros.certificate.certificate import Certificate, load_certificate
 from flatsat_ros.certificate.flight import Axis
-from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight_cell import PlantBox
 from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_tube import Assumptions
 from flatsat_ros.cli.falsify import main
@@ -21,7 +21,7 @@ ASSUMPTIONS = Assumptions(disturbance_rate=0.35, noise=5e-4, acceleration=0.0, j
 @pytest.fixture(scope="module")
 def small() -> Certificate:
     design = Design.predicting(0.02, Plant(0.03, 0.14), (0.357, 3.93, 14.2), 30.0, 18.0)
-    axis = Axis(Box(Plant(0.0298, 0.139), Plant(0.0302, 0.141)), False, design, ("",), NONE, BACK)
+    axis = Axis(PlantBox(Plant(0.0298, 0.139), Plant(0.0302, 0.141)), False, design, ("",), NONE, BACK)
     return certificate_of(flight_of(axis, axis, ASSUMPTIONS, 1.05, 2.2, 0.45), 1.05)
 
 

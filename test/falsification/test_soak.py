@@ -15,15 +15,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.falsification.soak.usage import Sample, left, sample
-from flatsat_ros.falsification.soak.verdict import GROWTH_MAX, MISSED_MAX, Soak, growth, lines, summary, verdict
+from flatsat_ros.falsification.soak.usage import ProcessUsage, left, sample
+from flatsat_ros.falsification.soak.verdict import GROWTH_MAX, MISSED_MAX, Soak, lines, memory_growth, summary, verdict
 
 HOUR = 3600
 
 
 def soak(memory: Callable[[float], float] = lambda _: 80.0, **changes: Any) -> Soak:
     """An hour of flight with one process, whose memory, MiB, is a function of time, s."""
-    samples = [Sample(float(t), memory(float(t)), 20, 17, {"/dev/shm/x": 1000}) for t in range(0, HOUR, 10)]
+    samples = [ProcessUsage(float(t), memory(float(t)), 20, 17, {"/dev/shm/x": 1000}) for t in range(0, HOUR, 10)]
     figures: dict[str, Any] = {
         "samples": {"controller": samples},
         "ticks": 50 * HOUR + 1,
@@ -50,7 +50,7 @@ def test_memory_that_settles_in_the_first_half_passes() -> None:
 
 @given(rate=st.floats(-20.0, 20.0), start=st.floats(10.0, 500.0))
 def test_growth_is_the_slope(rate: float, start: float) -> None:
-    grown, hourly = growth(soak(lambda t: start + rate * t / HOUR).samples["controller"])
+    grown, hourly = memory_growth(soak(lambda t: start + rate * t / HOUR).samples["controller"])
     assert hourly == pytest.approx(rate, abs=1e-6)
     assert grown == pytest.approx(rate / 2.0, rel=0.01, abs=1e-6)
     found = verdict(soak(lambda t: start + rate * t / HOUR))

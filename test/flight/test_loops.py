@@ -11,7 +11,7 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.base.strict_yaml import read_yaml
 from flatsat_ros.certificate.certificate import Certificate, load_certificate
-from flatsat_ros.certificate.flight_tube import Tube
+from flatsat_ros.certificate.flight_tube import AxisTube
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import YawMode
 from flatsat_ros.flight import telemetry
@@ -297,7 +297,7 @@ def test_a_reference_whose_drag_needs_more_than_the_input_set_has_is_flown_as_fa
     heavy = load_certificate("cf21_adaptive_50hz")
     assert heavy.flight is not None
     limits = replace(heavy.limits, thrust_max=heavy.limits.gravity + 0.3)
-    sides, upright = (replace(axis, tube=Tube(0.1, 0.1, 0.01, 0.01)) for axis in heavy.flight.axes)
+    sides, upright = (replace(axis, tube=AxisTube(0.1, 0.1, 0.01, 0.01)) for axis in heavy.flight.axes)
     section = replace(heavy.flight, margin=0.1, disturbance=0.05, horizontal=sides, vertical=upright)
     weak = replace(heavy, limits=limits, flight=section)
     policy = replace(POLICY, goal_mode=GoalMode.STEP, ceiling=30.0)

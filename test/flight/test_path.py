@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.flight.path import path_to
-from flatsat_ros.flight.path_limits import Box, PathLimits
+from flatsat_ros.flight.path_limits import PathLimits, ReferenceBox
 from flatsat_ros.law.input_set import InputSet
 
 LIMITS = InputSet(1.45 * GRAVITY, math.radians(10.0))
 BOUNDS = PathLimits.within(LIMITS, 1.0)
 GENTLE = replace(BOUNDS, jerk=0.87, acceleration=0.87)  # as a certificate assumes
-BOX = Box(np.array([-150.0, -150.0, 0.0]), np.array([150.0, 150.0, 10.0]))
+BOX = ReferenceBox(np.array([-150.0, -150.0, 0.0]), np.array([150.0, 150.0, 10.0]))
 AT_REST = np.zeros((4, 3))
 
 places = st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0), st.floats(0.0, 5.0)).map(np.array)

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.base.strict_yaml import read_yaml
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.certificate.flight import Flight
+from flatsat_ros.certificate.flight import FlightSection
 from flatsat_ros.flight.path import path_to
-from flatsat_ros.flight.path_limits import Asked, Box, PathLimits
+from flatsat_ros.flight.path_limits import Demand, PathLimits, ReferenceBox
 from flatsat_ros.flight.preview import Preview, needed_margin
 from flatsat_ros.flight.references import References
 from flatsat_ros.flight.trajectory import Trajectory
@@ -22,10 +22,10 @@ CERTIFICATE, TIGHT = (
     Certificate.from_document(read_yaml(config_path(name))) for name in ("cf21_adaptive_50hz", "cf21_tight_50hz")
 )
 LIMITS = CERTIFICATE.limits
-BOX = Box(np.array([-90.0, -90.0, -9.0]), np.array([90.0, 90.0, 90.0]))
+BOX = ReferenceBox(np.array([-90.0, -90.0, -9.0]), np.array([90.0, 90.0, 90.0]))
 
 
-def flight_of(certificate: Certificate) -> Flight:
+def flight_of(certificate: Certificate) -> FlightSection:
     assert certificate.flight is not None
     return certificate.flight
 
@@ -33,7 +33,7 @@ def flight_of(certificate: Certificate) -> Flight:
 FLIGHT = flight_of(CERTIFICATE)
 
 
-def asked(path: Trajectory, flight: Flight, times: np.ndarray) -> np.ndarray:
+def asked(path: Trajectory, flight: FlightSection, times: np.ndarray) -> np.ndarray:
     """F (N, 3), m/s^2, of commands at some times, as it is flown."""
     references = References(1, LIMITS.inner_radius)
     references.assign(0, path, 1.0)
@@ -48,7 +48,7 @@ moves = st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0), st.floats(-2.0, 9.
 @given(goal=moves, fast=st.floats(0.3, 2.5), hard=st.floats(0.2, 1.5))
 @settings(max_examples=30)
 def test_no_command_is_nearer_to_the_limits_than_the_margin(goal: np.ndarray, fast: float, hard: float) -> None:
-    path = path_to(np.zeros((4, 3)), goal, 1.0, PathLimits(Asked(hard), Asked(hard), fast), BOX)
+    path = path_to(np.zeros((4, 3)), goal, 1.0, PathLimits(Demand(hard), Demand(hard), fast), BOX)
     assume(path.times.size > 1)
     bound = needed_margin(path, LIMITS, FLIGHT)
     f = asked(path, FLIGHT, np.linspace(0.5, path.times[-1] + 0.5, 400))
@@ -58,7 +58,7 @@ def test_no_command_is_nearer_to_the_limits_than_the_margin(goal: np.ndarray, fa
 
 def test_a_reference_whose_acceleration_has_the_margin_may_ask_for_more_than_the_law_has() -> None:
     """What was accepted before: within the claims there is a command outside the input set, a gain below 1."""
-    lively = PathLimits(Asked(0.7), Asked(0.2), 2.7, 0.85, 4.5)
+    lively = PathLimits(Demand(0.7), Demand(0.2), 2.7, 0.85, 4.5)
     path = path_to(np.zeros((4, 3)), np.array([60.0, 0.0, 0.0]), 0.0, lively, BOX)
     demand = path.demand()
     assert FLIGHT.demanded(demand, path.margin(FLIGHT.room(LIMITS)).distance) <= 1.0

@@ -10,7 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.flight.separation import DOWNWASH, IN_THE_AIR, STANDING, TOLERANCE, Track, closest, near_pairs
+from flatsat_ros.flight.separation import (
+    DOWNWASH,
+    IN_THE_AIR,
+    STANDING,
+    TOLERANCE,
+    PreparedTrajectory,
+    closest_approaches,
+    near_pairs,
+)
 from flatsat_ros.flight.trajectory import Trajectory
 
 number = st.floats(-2.0, 2.0)
@@ -42,7 +50,9 @@ def sampled(one: Trajectory, other: Trajectory, scale: FloatArray, times: FloatA
 def test_the_distance_found_is_the_least_and_never_above_it(
     one: Trajectory, other: Trajectory, scale: FloatArray, now: float
 ) -> None:
-    found, when = closest(Track(one), [Track(other)], scale[np.newaxis], np.array([math.inf]), now)
+    found, when = closest_approaches(
+        PreparedTrajectory(one), [PreparedTrajectory(other)], scale[np.newaxis], np.array([math.inf]), now
+    )
     least = sampled(one, other, scale, np.linspace(now, now + 12.0, 400)).min()
     assert found[0] <= least + 1e-9
     assert sampled(one, other, scale, when)[0] <= found[0] + TOLERANCE + 1e-9
@@ -51,9 +61,9 @@ def test_the_distance_found_is_the_least_and_never_above_it(
 
 @given(trajectories(), trajectories(), scales)
 def test_it_is_the_same_from_either_side(one: Trajectory, other: Trajectory, scale: FloatArray) -> None:
-    first, second = Track(one), Track(other)
+    first, second = PreparedTrajectory(one), PreparedTrajectory(other)
     there, back = (
-        closest(a, [b], scale[np.newaxis], np.array([math.inf]), 0.0)[0][0]
+        closest_approaches(a, [b], scale[np.newaxis], np.array([math.inf]), 0.0)[0][0]
         for a, b in ((first, second), (second, first))
     )
     assert abs(there - back) <= TOLERANCE
@@ -63,10 +73,10 @@ def test_it_is_the_same_from_either_side(one: Trajectory, other: Trajectory, sca
 def test_many_at_once_are_as_one_by_one_and_small_distances_are_told(
     one: Trajectory, others: list[Trajectory], enough: float, until: float
 ) -> None:
-    own, tracks = Track(one), [Track(other) for other in others]
+    own, tracks = PreparedTrajectory(one), [PreparedTrajectory(other) for other in others]
     weights, most = np.tile(IN_THE_AIR, (len(tracks), 1)), np.full(len(tracks), enough)
-    found, _ = closest(own, tracks, weights, most, 0.0, until)
-    alone = [closest(own, [track], weights[:1], most[:1], 0.0, until)[0][0] for track in tracks]
+    found, _ = closest_approaches(own, tracks, weights, most, 0.0, until)
+    alone = [closest_approaches(own, [track], weights[:1], most[:1], 0.0, until)[0][0] for track in tracks]
     assert np.allclose(found, alone)
     for distance, other in zip(found, others, strict=True):
         least = sampled(one, other, IN_THE_AIR, np.linspace(0.0, until, 100)).min()

@@ -18,7 +18,7 @@ from flatsat_ros.identification.fit import BOUNDS, excited, fit
 from flatsat_ros.identification.identified import Identified, identify, profile_of
 from flatsat_ros.identification.log import FlightLog
 from flatsat_ros.identification.report import lines
-from flatsat_ros.identification.residuals import REACH, Flight, misfit, twice_integrated
+from flatsat_ros.identification.residuals import REACH, ComparedFlight, misfit, twice_integrated
 from flatsat_ros.identification.response import Figures
 from flatsat_ros.identification.screening import STEP, screen
 from flatsat_ros.identification.surroundings import surroundings
@@ -139,7 +139,7 @@ def test_a_flight_that_is_there_twice_is_refused(logs: list[FlightLog]) -> None:
 
 
 def test_one_flight_is_fitted_from_far_away_and_the_residuals_are_noise(logs: list[FlightLog]) -> None:
-    flight = Flight.of(screen(logs[0]))
+    flight = ComparedFlight.of(screen(logs[0]))
     far = Figures(1.2, 40.0, 2.5, 0.0, 1.4, 0.3, 1.0, 1.0, 0.1)
     result = fit([flight], far, excited([flight]), starts=2)
     assert excited([flight]) == tuple(name for name in BOUNDS if name != "thrust_voltage")

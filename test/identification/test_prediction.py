@@ -10,12 +10,12 @@ from flown import fly
 from numpy.testing import assert_array_equal
 
 from flatsat_ros import load_vehicle
-from flatsat_ros.identification.identified import figures_of
+from flatsat_ros.identification.identified import profile_figures
 from flatsat_ros.identification.prediction import ahead
 from flatsat_ros.identification.screening import Samples, screen
 
 DRONE = load_vehicle("cf21_markers")
-FIGURES = dataclasses.replace(figures_of(DRONE), delay=0.02)
+FIGURES = dataclasses.replace(profile_figures(DRONE), delay=0.02)
 AT, STEPS = np.array([400, 600]), 50
 
 

@@ -14,7 +14,7 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.base.strict_yaml import read_yaml
 from flatsat_ros.certificate.certificate import Certificate, load_certificate
-from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight_cell import PlantBox
 from flatsat_ros.certificate.flight_tube import Assumptions
 from flatsat_ros.crazyflie.intervals import Intervals
 from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
@@ -22,8 +22,8 @@ from flatsat_ros.identification.assumptions import assumptions
 from flatsat_ros.identification.disturbances import blur, disturbances, shared
 from flatsat_ros.identification.fit import Fit
 from flatsat_ros.identification.identified import NAMES, Figure, Identified
-from flatsat_ros.identification.log import FlightLog, Flown, ages
-from flatsat_ros.identification.residuals import REACH, Flight, misfit
+from flatsat_ros.identification.log import ClaimedFlight, FlightLog, ages
+from flatsat_ros.identification.residuals import REACH, ComparedFlight, misfit
 from flatsat_ros.identification.response import Figures
 from flatsat_ros.identification.screening import STEP, Samples
 from flatsat_ros.identification.validation import CONTRADICTS, SILENT, SUPPORTS, older, oldest, validate
@@ -149,7 +149,7 @@ def test_a_push_that_moves_the_drone_is_found_as_a_disturbance(found: Identified
     time = np.arange(len(samples.position)) * STEP
     moved = samples.position.copy()
     moved[:, 2] += size * np.sin(rate * time)
-    shaken = Flight.of(dataclasses.replace(samples, position=moved))
+    shaken = ComparedFlight.of(dataclasses.replace(samples, position=moved))
     common = dataclasses.replace(found.common, misfits=(misfit(shaken, found.common.of(0)),))
     pushed, change = disturbances([shaken], common)
     at = shaken.position_at * STEP
@@ -195,7 +195,7 @@ def test_a_flight_certificate_is_judged_by_all_that_it_assumes(
     box = flight.horizontal.box
     low = dataclasses.replace(box.low, gain=0.5, lag=1e-3, delay=0.0)
     high = dataclasses.replace(box.high, gain=1.5, lag=0.5)
-    sides = dataclasses.replace(flight.horizontal, box=Box(low, high))
+    sides = dataclasses.replace(flight.horizontal, box=PlantBox(low, high))
     wide = dataclasses.replace(
         flight,
         disturbance=5.0,
@@ -227,7 +227,7 @@ def test_the_tube_as_flown_is_judged_where_our_controller_flew(found: Identified
         outside, claims = inside.copy(), np.ones(1000, dtype=bool)
         outside[:count] *= 1.3
         claims[:count] = claimed
-        flown = [dataclasses.replace(logs[0], flown=Flown(outside, tube, claims)), logs[1]]
+        flown = [dataclasses.replace(logs[0], flown=ClaimedFlight(outside, tube, claims)), logs[1]]
         judged = verdicts(FLYING, found, flown)
         assert judged["tube of x and y"] == judged["tube of z"] == verdict
 
@@ -239,7 +239,7 @@ def test_noise_alone_looks_like_no_more_than_its_blur(noise: float) -> None:
         "still", noise * np.random.default_rng(3).standard_normal(still.shape), still, still, np.empty(0),
         np.ones(4000, dtype=bool), np.ones(4000, dtype=bool), still[:0], {},
     )  # fmt: skip
-    flight = Flight.of(samples)
+    flight = ComparedFlight.of(samples)
     figures = Figures(1.0, 20.0, 0.7, 0.0, 1.0, 0.1, 0.0, 0.0, 0.0)
     alone = Fit(figures, np.zeros(1), (), (misfit(flight, figures),), (1.0, 1.0), np.zeros((0, 0)))
     pushed, change = disturbances([flight], alone)

@@ -119,7 +119,7 @@ def test_after_a_landing_the_drones_own_commander_may_take_off(lab: Lab) -> None
 
 
 def test_a_drones_status_tells_of_its_battery(lab: Lab) -> None:
-    topic = crazyswarm.status_topic()
+    topic = crazyswarm.installed_status_topic()
     assert topic is not None
     lab.fly("cf1")
     takeoff = interfaces.service_of("cf1", "takeoff")

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from flatsat_ros.nodes.ros import interfaces, messages
-from flatsat_ros.nodes.ros.diagnostics import PERIOD, Diagnostics, Level, Report
+from flatsat_ros.nodes.ros.diagnostics import PERIOD, Diagnostics, Level, RobotCondition
 
 pytestmark = pytest.mark.in_process
 
@@ -40,11 +40,11 @@ class Node:
 def test_every_period_each_robot_has_a_status_in_one_message() -> None:
     node, asked = Node(), []
 
-    def collect(now: int) -> list[Report]:
+    def collect(now: int) -> list[RobotCondition]:
         asked.append(now)
         return [
-            Report("cf1", "cf1", Level.OK, "FLY", {"gamma": "1.5"}),
-            Report("cf2", "udp://a:1", Level.ERROR, "CUT", {"armed": True}),
+            RobotCondition("cf1", "cf1", Level.OK, "FLY", {"gamma": "1.5"}),
+            RobotCondition("cf2", "udp://a:1", Level.ERROR, "CUT", {"armed": True}),
         ]
 
     Diagnostics(node, collect)

@@ -24,7 +24,7 @@ from flatsat_ros.nodes import last_resort, rivals
 from flatsat_ros.nodes.cflib_bridge import CflibBridge
 from flatsat_ros.nodes.controller_node import ControllerNode
 from flatsat_ros.nodes.mocap_player import MocapPlayer
-from flatsat_ros.nodes.recorder import Recorder
+from flatsat_ros.nodes.recorder import RecorderNode
 from flatsat_ros.nodes.ros import cdr, faults, interfaces
 from flatsat_ros.nodes.server_commands import COMMANDS
 from flatsat_ros.nodes.server_parameters import FIRMWARE
@@ -38,7 +38,7 @@ NODES = {
     "sim_drone": SimDrone,
     "sim_server": SimServer,
     "mocap_player": MocapPlayer,
-    "record": Recorder,
+    "record": RecorderNode,
     **({"cflib_bridge": CflibBridge} if find_spec("cflib") else {}),
 }
 # what a node does not start without, as {folder} of the test's, and what makes it offer all that it can offer

@@ -26,7 +26,7 @@ from flatsat_ros.identification.recording import COLUMNS
 from flatsat_ros.nodes.cflib_bridge import CflibBridge
 from flatsat_ros.nodes.controller_node import ControllerNode
 from flatsat_ros.nodes.mocap_player import MocapPlayer
-from flatsat_ros.nodes.recorder import Recorder
+from flatsat_ros.nodes.recorder import RecorderNode
 from flatsat_ros.nodes.ros import messages
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 from flatsat_ros.nodes.sim_drone import SimDrone
@@ -46,7 +46,7 @@ def needed(tmp_path: Path) -> dict[type[ProgramNode], dict[str, object]]:
     """Parameters without which a node does not start."""
     recording = tmp_path / "recording.csv"
     recording.write_text(",".join(COLUMNS) + "\n0,0,0,0,0,0,0,1\n", encoding="utf-8")
-    return {MocapPlayer: {"file": recording}, Recorder: {"output": tmp_path / "bag"}}
+    return {MocapPlayer: {"file": recording}, RecorderNode: {"output": tmp_path / "bag"}}
 
 
 @pytest.fixture
@@ -205,7 +205,7 @@ def test_a_lab_may_name_everything_as_it_likes(started: Callable[..., Any], tmp_
 
 @pytest.mark.parametrize(
     "make",
-    [ControllerNode, SimDrone, SimServer, MocapPlayer, Recorder, pytest.param(CflibBridge, marks=NEEDS_CFLIB)],
+    [ControllerNode, SimDrone, SimServer, MocapPlayer, RecorderNode, pytest.param(CflibBridge, marks=NEEDS_CFLIB)],
 )
 def test_what_param_dump_wrote_loads_again(
     make: type[ProgramNode],

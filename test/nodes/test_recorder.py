@@ -17,7 +17,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.nodes.recorder import Recorder
+from flatsat_ros.nodes.recorder import RecorderNode
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.bag import BagWriter, Recorded, read_bag
 from flatsat_ros.viewing.bag import opened
@@ -29,15 +29,15 @@ Usage = namedtuple("Usage", "total used free")
 
 
 @pytest.fixture
-def record(tmp_path: Path) -> Iterator[Callable[[], tuple[Recorder, Callable[[Callable[[], bool]], None]]]]:
+def record(tmp_path: Path) -> Iterator[Callable[[], tuple[RecorderNode, Callable[[Callable[[], bool]], None]]]]:
     """How to start a recorder of cf1 and CF_2, and what lets callbacks run until a condition holds."""
     made: list[Node] = []
 
-    def start() -> tuple[Recorder, Callable[[Callable[[], bool]], None]]:
+    def start() -> tuple[RecorderNode, Callable[[Callable[[], bool]], None]]:
         rclpy.init(
             args=["--ros-args", "-r", "__ns:=/lab", "-p", "robot_names:=[cf1, CF_2]", "-p", f"output:={tmp_path}/bag"]
         )
-        recorder = Recorder()
+        recorder = RecorderNode()
         made.append(recorder)
         speaker = Node("speaker", namespace="/lab")
         made.append(speaker)
@@ -72,7 +72,7 @@ def record(tmp_path: Path) -> Iterator[Callable[[], tuple[Recorder, Callable[[Ca
 
 
 def test_all_topics_of_the_robots_are_in_the_bag_and_none_of_others(
-    record: Callable[..., tuple[Recorder, Callable[..., None]]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    record: Callable[..., tuple[RecorderNode, Callable[..., None]]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     recorder, run_until = record()
     wanted = {"/lab/cf1/pose", "/lab/CF_2/seen", "/lab/flatsat/setup"}
@@ -88,7 +88,7 @@ def test_all_topics_of_the_robots_are_in_the_bag_and_none_of_others(
 
 
 def test_it_ends_with_a_sound_bag_before_the_disk_is_full(
-    record: Callable[..., tuple[Recorder, Callable[..., None]]],
+    record: Callable[..., tuple[RecorderNode, Callable[..., None]]],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -104,7 +104,7 @@ def test_it_ends_with_a_sound_bag_before_the_disk_is_full(
 
 
 def test_what_cannot_be_written_ends_it_in_one_line(
-    record: Callable[..., tuple[Recorder, Callable[..., None]]],
+    record: Callable[..., tuple[RecorderNode, Callable[..., None]]],
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -135,7 +135,7 @@ def test_where_nothing_can_be_recorded_it_does_not_start(tmp_path: Path, made: s
     rclpy.init(args=[] if given else ["--ros-args", "-p", f"output:={output}"])
     try:
         with pytest.raises(FlatsatError, match=reason):
-            Recorder()
+            RecorderNode()
     finally:
         rclpy.try_shutdown()
 

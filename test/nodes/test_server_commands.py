@@ -21,7 +21,7 @@ from flatsat_ros.nodes.ros.faults import Faults
 from flatsat_ros.nodes.server_commands import Drone, ServerCommands
 from flatsat_ros.nodes.server_logging import ServerLogging
 from flatsat_ros.sim.fleet import SimulatedFleet
-from flatsat_ros.sim.position_controller import Mode
+from flatsat_ros.sim.position_controller import SetpointMode
 
 pytestmark = pytest.mark.in_process
 
@@ -188,8 +188,8 @@ def test_set_points_mean_what_crazyswarm2s_server_makes_of_them(modules: dict[st
     half = math.sqrt(0.5)
     turned = Pose(position=Point(x=1.0, y=2.0, z=3.0), orientation=Quaternion(z=half, w=half))
     expected = (
-        (server_messages.full_state_from_message(kinds.FullState(pose=turned)), Mode.FULL_STATE),
-        (server_messages.position_from_message(kinds.Position(x=1.0, y=2.0, z=3.0, yaw=90.0)), Mode.POSITION),
+        (server_messages.full_state_from_message(kinds.FullState(pose=turned)), SetpointMode.FULL_STATE),
+        (server_messages.position_from_message(kinds.Position(x=1.0, y=2.0, z=3.0, yaw=90.0)), SetpointMode.POSITION),
     )
     for setpoint, mode in expected:
         assert setpoint.mode is mode
@@ -198,9 +198,18 @@ def test_set_points_mean_what_crazyswarm2s_server_makes_of_them(modules: dict[st
     velocity = server_messages.velocity_from_message(
         kinds.VelocityWorld(vel=Vector3(x=0.1, y=0.2, z=0.3), yaw_rate=180.0)
     )
-    assert (velocity.mode, velocity.velocity.tolist(), velocity.yaw) == (Mode.VELOCITY, [0.1, 0.2, 0.3], math.pi)
+    assert (velocity.mode, velocity.velocity.tolist(), velocity.yaw) == (
+        SetpointMode.VELOCITY,
+        [0.1, 0.2, 0.3],
+        math.pi,
+    )
     hover = server_messages.hover_from_message(kinds.Hover(vx=0.1, vy=-0.2, yaw_rate=0.5, z_distance=0.7))
-    assert (hover.mode, hover.place[2], hover.velocity.tolist(), hover.yaw) == (Mode.HOVER, 0.7, [0.1, -0.2, 0.0], 0.5)
+    assert (hover.mode, hover.place[2], hover.velocity.tolist(), hover.yaw) == (
+        SetpointMode.HOVER,
+        0.7,
+        [0.1, -0.2, 0.0],
+        0.5,
+    )
 
 
 def test_a_set_point_flies_its_drone_and_one_that_is_no_number_is_counted(room: Room) -> None:

@@ -15,7 +15,7 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.plans import Bounds, Curve, Plan, PlannedDrone, Tube, Waypoint
-from flatsat_ros.plans.laps import Laps, repeated, with_ramp
+from flatsat_ros.plans.laps import Laps, laps_of, with_ramp
 from flatsat_ros.plans.pacing import EXCESS
 
 CERTIFICATE = load_certificate("paper_experiment")
@@ -74,7 +74,7 @@ def test_a_closed_curve_is_scipys_and_has_no_seam_up_to_the_snap(curve: Curve) -
 def test_laps_are_flown_along_the_way_from_rest_to_rest(opposite: Plan) -> None:
     laps = opposite.laps
     assert laps is not None
-    flown, lap = opposite.trajectory("cf1"), repeated(opposite.drones[0].curve.trajectory(), 3)
+    flown, lap = opposite.trajectory("cf1"), laps_of(opposite.drones[0].curve.trajectory(), 3)
     assert opposite.duration == pytest.approx(3 * LAP + laps.ramp)
     assert flown.times[[0, -1]] == pytest.approx([0.0, opposite.duration])
     for t in (0.0, opposite.duration):

@@ -18,11 +18,11 @@ from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.separation import IN_THE_AIR
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.law.gain import Tuning
-from flatsat_ros.planning.gathering import planned
+from flatsat_ros.planning.gathering import first_proved
 from flatsat_ros.plans import Bounds, Curve, Plan, PlannedDrone, Tube
 from flatsat_ros.plans.gathering import COMMAND, Move, Planner
 from flatsat_ros.plans.laps import Laps
-from flatsat_ros.plans.performance import Performance, Phase
+from flatsat_ros.plans.performance import Performance, PlanPhase
 from flatsat_ros.plans.prepared import PreparedPlan, received
 from flatsat_ros.sim.closed_loop import fly
 from flatsat_ros.sim.fleet import SimulatedFleet
@@ -83,7 +83,7 @@ class Lab:
         if place[:2, 2].min() > 0.5:
             self.least = min(self.least, float(np.linalg.norm((place[0] - place[1]) * IN_THE_AIR)))
 
-    def fly_until(self, phase: Phase, seconds: float = 20.0) -> None:
+    def fly_until(self, phase: PlanPhase, seconds: float = 20.0) -> None:
         self.fly(seconds, lambda: self.performance.phase is phase)
         assert self.performance.phase is phase, self.told
 
@@ -96,16 +96,16 @@ def flown() -> Lab:
     """From the floor to the first places, off, paused, resumed, to the end; the distance at the pause is noted."""
     lab = Lab()
     assert "cf1, cf2 go to their places" in lab.performance.start(lab.now)
-    lab.fly_until(Phase.FLYING)
+    lab.fly_until(PlanPhase.FLYING)
     lab.fly(3.0)
     lab.performance.pause(lab.now)
-    lab.fly_until(Phase.PAUSED)
+    lab.fly_until(PlanPhase.PAUSED)
     lab.fly(3.0)
     lab.stood = lab.fleet.bodies.position[:2].copy()  # type: ignore[attr-defined]
     lab.fly(1.0)
     lab.moved = float(np.abs(lab.fleet.bodies.position[:2] - lab.stood).max())  # type: ignore[attr-defined]
     lab.performance.resume(lab.now)
-    lab.fly_until(Phase.FLOWN)
+    lab.fly_until(PlanPhase.FLOWN)
     lab.fly(2.0)
     return lab
 
@@ -146,12 +146,12 @@ def test_laps_are_flown_and_end_where_they_began() -> None:
     plan.verify()
     lab = Lab(PreparedPlan.of(plan))
     lab.performance.start(lab.now)
-    lab.fly_until(Phase.FLYING)
+    lab.fly_until(PlanPhase.FLYING)
     begin = lab.performance.origin
     lab.fly(8.3)
     half = [own.trajectory().sample(lab.now - begin - 2.0)[:3] for own in ways]  # a ramp makes half as much progress
     assert lab.off(half) < 0.08
-    lab.fly_until(Phase.FLOWN)
+    lab.fly_until(PlanPhase.FLOWN)
     assert lab.now - begin == pytest.approx(16.0, abs=0.1)
     lab.fly(1.0)
     assert lab.off([own.trajectory().sample(0.0)[:3] for own in ways]) < 0.03
@@ -161,10 +161,10 @@ def test_laps_are_flown_and_end_where_they_began() -> None:
 def test_if_one_leaves_the_plan_the_others_stand_still() -> None:
     lab = Lab()
     lab.performance.start(lab.now)
-    lab.fly_until(Phase.FLYING)
+    lab.fly_until(PlanPhase.FLYING)
     lab.fly(1.5)
     lab.pilot.land(0)
-    lab.fly_until(Phase.PAUSED, 8.0)
+    lab.fly_until(PlanPhase.PAUSED, 8.0)
     assert any("cf1 does not follow the plan any more" in text for text in lab.told)
     lab.fly(1.5)
     assert np.abs(lab.fleet.bodies.velocity[1]).max() < 0.05
@@ -176,11 +176,11 @@ def test_if_one_leaves_the_plan_the_others_stand_still() -> None:
 def test_an_aborted_plan_stands_still_then_lands() -> None:
     lab = Lab()
     lab.performance.start(lab.now)
-    lab.fly_until(Phase.FLYING)
+    lab.fly_until(PlanPhase.FLYING)
     lab.fly(2.0)
     said = lab.performance.abort(lab.now)
     assert "their distances proved until then" in said
-    lab.fly_until(Phase.ABORTED, 8.0)
+    lab.fly_until(PlanPhase.ABORTED, 8.0)
     lab.fly(12.0, lambda: float(lab.fleet.bodies.position[:, 2].max()) < 0.01)
     assert lab.fleet.bodies.position[:, 2].max() < 0.05
     assert "the plan is aborted: all land where they are" in lab.told
@@ -191,7 +191,7 @@ def test_a_plan_begins_only_with_drones_that_can_fly() -> None:
     lab.pilot.arm(1, False)
     with pytest.raises(FlatsatError, match="cf2: the drone is disarmed"):
         lab.performance.start(lab.now)
-    assert lab.performance.phase is Phase.READY
+    assert lab.performance.phase is PlanPhase.READY
     with pytest.raises(FlatsatError, match="the plan is ready: only one that is flown can be aborted"):
         lab.performance.abort(lab.now)
     with pytest.raises(FlatsatError, match="only one that is paused can be resumed"):
@@ -214,9 +214,9 @@ def test_a_place_that_is_taken_at_first_is_gone_to_later() -> None:
     lab.fly(6.0)
     lab.performance.start(lab.now)  # cf3 hovers where cf2 shall begin
     lab.fly(3.0)
-    assert lab.performance.phase is Phase.GATHERING
+    assert lab.performance.phase is PlanPhase.GATHERING
     lab.pilot.set_goal(2, [0.8, 2.0, 1.0])
-    lab.fly_until(Phase.FLYING)
+    lab.fly_until(PlanPhase.FLYING)
     lab.performance.abort(lab.now)
 
 
@@ -231,9 +231,9 @@ def test_a_plan_that_is_aborted_while_its_drones_gather_leaves_them_on_the_groun
 def test_all_stand_still_when_one_is_outside_its_tube() -> None:
     lab = Lab(swap(tube=0.06))
     lab.performance.start(lab.now)
-    lab.fly_until(Phase.FLYING)
+    lab.fly_until(PlanPhase.FLYING)
     lab.performance._tubes[1] = 0.0  # as if it were away from its reference
-    lab.fly_until(Phase.PAUSED, 8.0)
+    lab.fly_until(PlanPhase.PAUSED, 8.0)
     assert any("cf2 is outside its tube: all stand still" in text for text in lab.told)
 
 
@@ -262,7 +262,7 @@ def test_drones_that_have_to_change_places_first_do_so_by_a_plan() -> None:
     lab.fly(20.0, lambda: any("by a plan" in text for text in lab.told))
     assert lab.fleet.bodies.position[:2, 2] == pytest.approx(0.5, abs=0.02)  # where they have climbed to
     lab.least = np.inf
-    lab.fly_until(Phase.FLYING)
+    lab.fly_until(PlanPhase.FLYING)
     assert lab.off(STARTS) < 0.03
     assert lab.least > 2 * 0.12
 
@@ -273,18 +273,18 @@ def test_without_a_plan_each_goes_to_its_place_alone() -> None:
 
     lab = Lab(planner=refuse)
     lab.performance.start(lab.now)
-    lab.fly_until(Phase.FLYING)
+    lab.fly_until(PlanPhase.FLYING)
     assert "no way for all to their places is planned: there is none; each goes there alone" in lab.told
 
 
 def test_who_stands_too_near_to_another_for_a_plan_is_not_planned_for() -> None:
     plan = swap().plan
     goals = dict(zip(NAMES, map(np.array, STARTS), strict=False))
-    found = planned(Move(plan, {"cf1": np.array([0.0, 0.0, 0.5]), "cf2": np.array([0.36, 0.0, 0.5])}, goals))
+    found = first_proved(Move(plan, {"cf1": np.array([0.0, 0.0, 0.5]), "cf2": np.array([0.36, 0.0, 0.5])}, goals))
     assert [drone.body for drone in found.plan.drones] == pytest.approx([0.098, 0.098])  # 0.36 m less two tubes
     for drone in found.plan.drones:
         assert found.references[drone.name].end == pytest.approx(goals[drone.name])
     with pytest.raises(
         FlatsatError, match=r"distance of two drones = 0\.3 m: must be at least 0\.32 m, to plan how they"
     ):
-        planned(Move(plan, {"cf1": np.array([0.0, 0.0, 0.5]), "cf2": np.array([0.3, 0.0, 0.5])}, goals))
+        first_proved(Move(plan, {"cf1": np.array([0.0, 0.0, 0.5]), "cf2": np.array([0.3, 0.0, 0.5])}, goals))

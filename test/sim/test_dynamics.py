@@ -14,7 +14,7 @@ from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.vehicle import AttitudeResponse, Dynamics, VehicleProfile
 from flatsat_ros.law.flatness import acceleration_from_input
-from flatsat_ros.sim.dynamics import STEP, Bodies, Ideal, Identified, Wind
+from flatsat_ros.sim.dynamics import STEP, Bodies, Ideal, IdentifiedResponse, Wind
 
 VEHICLES = Path(__file__).parents[2] / "config" / "vehicles"
 # without the tilt into the motion, which has a test of its own: transfer functions are of the command alone
@@ -26,7 +26,9 @@ CF21 = VehicleProfile.load(VEHICLES / "cf21.yaml").dynamics
 STILL = np.zeros(3)
 
 
-def bodies(response: Ideal | Identified, *, height: float = 100.0, thrust: float = GRAVITY, yaw: float = 0.0) -> Bodies:
+def bodies(
+    response: Ideal | IdentifiedResponse, *, height: float = 100.0, thrust: float = GRAVITY, yaw: float = 0.0
+) -> Bodies:
     return Bodies(response, np.array([[0.0, 0.0, height]]), np.array([yaw]), thrust=thrust, floor=0.0)
 
 
@@ -65,7 +67,7 @@ def test_attitude_step_response_is_that_of_the_transfer_function(dynamics: Dynam
         denominator = np.polymul(denominator, [1.0 / response.integral_pole, 1.0])
     _, expected = signal.step((numerator, denominator), T=STEP * np.arange(501))
 
-    body = bodies(Identified(dynamics))
+    body = bodies(IdentifiedResponse(dynamics))
     command = np.zeros((3, 1))
     command[axis] = 0.3
     reached = []
@@ -77,7 +79,7 @@ def test_attitude_step_response_is_that_of_the_transfer_function(dynamics: Dynam
 
 def test_the_firmwares_pid_answers_a_step_as_it_was_measured() -> None:
     plus = VehicleProfile.load(VEHICLES / "cf21_plus.yaml").dynamics
-    body, reached = bodies(Identified(plus)), []
+    body, reached = bodies(IdentifiedResponse(plus)), []
     for _ in range(1000):
         body.step(np.full(1, GRAVITY), angles(roll=0.1), STILL)
         reached.append(body.attitude[0, 0, 0] / 0.1)
@@ -86,7 +88,7 @@ def test_the_firmwares_pid_answers_a_step_as_it_was_measured() -> None:
     assert time[np.argmax(response > 0.9)] == pytest.approx(0.314, abs=0.003)
     assert response.max() == pytest.approx(1.07, abs=0.005)
 
-    body, turned = bodies(Identified(plus)), []
+    body, turned = bodies(IdentifiedResponse(plus)), []
     for step in range(1000):
         body.step(np.full(1, GRAVITY), angles(yaw=0.5 * STEP * (step + 1)), STILL)
         turned.append(body.attitude[2, 0, 1] / 0.5)
@@ -95,7 +97,7 @@ def test_the_firmwares_pid_answers_a_step_as_it_was_measured() -> None:
 
 @pytest.mark.parametrize("dynamics", PROFILES)
 def test_thrust_lags_by_its_own_time_up_and_down(dynamics: Dynamics) -> None:
-    body = bodies(Identified(dynamics), thrust=8.0)
+    body = bodies(IdentifiedResponse(dynamics), thrust=8.0)
     for _ in range(50):
         body.step(np.full(1, 12.0), angles(), STILL)
     goal = 12.0 * dynamics.thrust_gain
@@ -108,7 +110,7 @@ def test_thrust_lags_by_its_own_time_up_and_down(dynamics: Dynamics) -> None:
 
 
 def test_a_falling_drone_reaches_its_terminal_velocity() -> None:
-    body = bodies(Identified(CF21), height=1000.0, thrust=0.0)
+    body = bodies(IdentifiedResponse(CF21), height=1000.0, thrust=0.0)
     for step in range(1, 8001):
         body.step(np.zeros(1), angles(), STILL)
         if step == 500:  # v' = -g - D v from rest, after one second
@@ -120,7 +122,7 @@ def test_a_falling_drone_reaches_its_terminal_velocity() -> None:
 
 
 def test_a_hovering_drone_drifts_with_the_wind() -> None:
-    body = bodies(Identified(CF21))
+    body = bodies(IdentifiedResponse(CF21))
     for _ in range(8000):
         body.step(np.full(1, GRAVITY), angles(), np.array([1.0, -2.0, 0.0]))
     assert_allclose(body.velocity[0], (1.0, -2.0, 0.0), atol=2e-3)
@@ -135,8 +137,8 @@ def test_without_drag_energy_is_conserved_in_free_fall() -> None:
     assert_allclose(0.5 * body.velocity[0] @ body.velocity[0] + GRAVITY * body.position[0, 2], energy, rtol=1e-12)
 
 
-@pytest.mark.parametrize("response", [Ideal(), Identified(CF21)])
-def test_hover_is_an_equilibrium(response: Ideal | Identified) -> None:
+@pytest.mark.parametrize("response", [Ideal(), IdentifiedResponse(CF21)])
+def test_hover_is_an_equilibrium(response: Ideal | IdentifiedResponse) -> None:
     body = bodies(response, height=1.0, yaw=0.7)
     for _ in range(2000):
         body.step(np.full(1, GRAVITY), angles(yaw=0.7), STILL)
@@ -144,8 +146,8 @@ def test_hover_is_an_equilibrium(response: Ideal | Identified) -> None:
     assert_allclose(body.angles[0], (0.0, 0.0, 0.7), atol=1e-9)
 
 
-@pytest.mark.parametrize("response", [Ideal(), Identified(CF21)])
-def test_on_the_floor_a_drone_neither_sinks_nor_slides_nor_tilts(response: Ideal | Identified) -> None:
+@pytest.mark.parametrize("response", [Ideal(), IdentifiedResponse(CF21)])
+def test_on_the_floor_a_drone_neither_sinks_nor_slides_nor_tilts(response: Ideal | IdentifiedResponse) -> None:
     body = bodies(response, height=0.0, thrust=0.0, yaw=0.7)
     for _ in range(1000):
         body.step(np.full(1, 0.9 * GRAVITY), angles(0.3, -0.2, 2.0), np.array([3.0, 0.0, 0.0]))
@@ -155,8 +157,8 @@ def test_on_the_floor_a_drone_neither_sinks_nor_slides_nor_tilts(response: Ideal
     assert_allclose(body.specific_force[0], (0.0, 0.0, 1.0), atol=0.0)
 
 
-@pytest.mark.parametrize("response", [Ideal(), Identified(CF21)])
-def test_a_drone_takes_off_exactly_when_thrust_exceeds_weight(response: Ideal | Identified) -> None:
+@pytest.mark.parametrize("response", [Ideal(), IdentifiedResponse(CF21)])
+def test_a_drone_takes_off_exactly_when_thrust_exceeds_weight(response: Ideal | IdentifiedResponse) -> None:
     body = bodies(response, height=0.0, thrust=0.0)
     for _ in range(2000):
         body.step(np.full(1, 1.01 * GRAVITY), angles(), STILL)
@@ -174,7 +176,7 @@ def test_a_drone_that_lands_upside_down_stays_there() -> None:
 
 
 def test_an_axis_that_nobody_controls_turns_over() -> None:
-    body = bodies(Identified(CF21))
+    body = bodies(IdentifiedResponse(CF21))
     for _ in range(500):
         body.step(np.full(1, GRAVITY), angles(pitch=np.nan), STILL)
     assert abs(body.angles[0, 1]) > np.pi / 3
@@ -216,7 +218,7 @@ def test_impossible_wind_is_refused(change: dict[str, object]) -> None:
 def test_a_second_order_response_is_the_limit_of_a_small_actuator_lag() -> None:
     def step_response(actuator_lag: float) -> float:
         attitude = AttitudeResponse(natural_frequency=20.0, damping=0.7, actuator_lag=actuator_lag)
-        body = bodies(Identified(dataclasses.replace(CF21, attitude=attitude)))
+        body = bodies(IdentifiedResponse(dataclasses.replace(CF21, attitude=attitude)))
         for _ in range(50):
             body.step(np.full(1, GRAVITY), angles(roll=0.3), STILL)
         return float(body.angles[0, 0])
@@ -229,7 +231,7 @@ def test_a_tilt_into_the_motion_of_drag_over_g_is_what_keeps_the_velocity(yaw: f
     tilt = CF21.drag_xy / GRAVITY  # small angles: T = g, and g k v balances D v
     begin = np.array([1.0, -0.5])
     for share in (1.0, 0.5):
-        body = bodies(Identified(dataclasses.replace(CF21, velocity_tilt=share * tilt)), yaw=yaw)
+        body = bodies(IdentifiedResponse(dataclasses.replace(CF21, velocity_tilt=share * tilt)), yaw=yaw)
         body.velocity[0, :2] = begin
         for _ in range(500):
             body.step(np.full(1, GRAVITY), angles(yaw=yaw), STILL)

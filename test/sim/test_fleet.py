@@ -19,7 +19,7 @@ from flatsat_ros.law.flatness import acceleration_from_input, input_from_acceler
 from flatsat_ros.sim.dynamics import STEP, Wind
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.power import Battery
-from flatsat_ros.sim.sensor import NOISE_BOUND, MotionCapture, Recorder
+from flatsat_ros.sim.sensor import NOISE_BOUND, MotionCapture, PoseSampler
 
 VEHICLES = Path(__file__).parents[2] / "config" / "vehicles"
 CF21 = VehicleProfile.load(VEHICLES / "cf21.yaml")
@@ -279,7 +279,7 @@ def test_noise_and_drop_out_are_as_asked() -> None:
 def test_noise_keeps_a_bound_that_is_a_multiple_of_its_standard_deviation(draw: tuple[float, float, float]) -> None:
     generator = Mock()
     generator.standard_normal.return_value, generator.random.return_value = np.array([draw]), np.ones(1)
-    recorder = Recorder(MotionCapture(noise=2.0), generator)
+    recorder = PoseSampler(MotionCapture(noise=2.0), generator)
     recorder.take(0.0, np.zeros((1, 3)), np.array([[0.0, 0.0, 0.0, 1.0]]))
     (sample,) = recorder.release(0.0)
     x, y, z = np.array(draw)

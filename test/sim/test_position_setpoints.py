@@ -13,14 +13,14 @@ from numpy.testing import assert_allclose
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.sim.fleet import SimulatedFleet
-from flatsat_ros.sim.position_controller import Mode, PositionSetpoint
+from flatsat_ros.sim.position_controller import PositionSetpoint, SetpointMode
 from flatsat_ros.sim.state_machine import State
 from flatsat_ros.sim.trajectories import Piece
 
 CF21 = VehicleProfile.load(Path(__file__).parents[2] / "config" / "vehicles" / "cf21.yaml")
 STILL = (0.0, 0.0, 0.0)
 START = (0.0, 0.0, 1.0)
-PLACE = PositionSetpoint.of(Mode.POSITION, (0.3, -0.2, 1.2), STILL, 0.5)
+PLACE = PositionSetpoint.of(SetpointMode.POSITION, (0.3, -0.2, 1.2), STILL, 0.5)
 
 
 def airborne(**options: Any) -> SimulatedFleet:
@@ -39,8 +39,8 @@ def wait(fleet: SimulatedFleet, seconds: float) -> None:
     fleet.advance_to(fleet.time + seconds)
 
 
-@pytest.mark.parametrize("mode", [Mode.POSITION, Mode.FULL_STATE])
-def test_a_place_and_a_yaw_are_flown_to(mode: Mode) -> None:
+@pytest.mark.parametrize("mode", [SetpointMode.POSITION, SetpointMode.FULL_STATE])
+def test_a_place_and_a_yaw_are_flown_to(mode: SetpointMode) -> None:
     """positionDecoder, fullStateDecoder."""
     fleet = airborne()
     stream(fleet, PLACE._replace(mode=mode), 8.0)
@@ -51,7 +51,7 @@ def test_a_place_and_a_yaw_are_flown_to(mode: Mode) -> None:
 def test_a_velocity_of_the_world_is_flown_whatever_the_heading() -> None:
     """velocityDecoder; position_controller_pid.c positionController."""
     fleet = airborne(yaw=1.0)
-    stream(fleet, PositionSetpoint.of(Mode.VELOCITY, STILL, (0.5, -0.3, 0.2), 0.4), 6.0)
+    stream(fleet, PositionSetpoint.of(SetpointMode.VELOCITY, STILL, (0.5, -0.3, 0.2), 0.4), 6.0)
     assert_allclose(fleet.bodies.velocity[0], (0.5, -0.3, 0.2), atol=0.05)
     assert fleet.bodies.attitude[2, 0, 1] == pytest.approx(0.4, abs=0.02)
 
@@ -59,10 +59,10 @@ def test_a_velocity_of_the_world_is_flown_whatever_the_heading() -> None:
 def test_a_hover_set_point_is_a_velocity_along_the_heading_at_a_height() -> None:
     """hoverDecoder: velocity_body."""
     fleet = airborne(yaw=math.pi / 2)
-    stream(fleet, PositionSetpoint.of(Mode.HOVER, (0.0, 0.0, 1.4), (0.4, 0.1, 0.0), 0.0), 8.0)
+    stream(fleet, PositionSetpoint.of(SetpointMode.HOVER, (0.0, 0.0, 1.4), (0.4, 0.1, 0.0), 0.0), 8.0)
     assert_allclose(fleet.bodies.velocity[0], (-0.1, 0.4, 0.0), atol=0.05)
     assert fleet.bodies.position[0, 2] == pytest.approx(1.4, abs=0.05)
-    stream(fleet, PositionSetpoint.of(Mode.HOVER, (0.0, 0.0, 1.4), STILL, 0.5), 2.0)
+    stream(fleet, PositionSetpoint.of(SetpointMode.HOVER, (0.0, 0.0, 1.4), STILL, 0.5), 2.0)
     assert fleet.bodies.attitude[2, 0, 1] == pytest.approx(0.5, abs=0.02)
 
 
@@ -70,7 +70,7 @@ def test_the_thrust_lock_is_not_for_them_and_stays_closed() -> None:
     """crtp_commander_rpyt.c alone has the lock."""
     fleet = SimulatedFleet(CF21, 1)
     wait(fleet, 0.2)
-    stream(fleet, PositionSetpoint.of(Mode.POSITION, (0.0, 0.0, 0.5), STILL, 0.0), 2.0)
+    stream(fleet, PositionSetpoint.of(SetpointMode.POSITION, (0.0, 0.0, 0.5), STILL, 0.0), 2.0)
     assert fleet.bodies.position[0, 2] > 0.3
     assert fleet.firmware.thrust_locked[0]
 
@@ -91,7 +91,7 @@ def test_they_have_the_priority_until_the_notice_that_set_points_stop() -> None:
 def test_silence_levels_the_drone_out_at_its_height_and_then_cuts_the_motors() -> None:
     """supervisor.c supervisorOverrideSetpoint: "keep Z as it is", COMMANDER_WDT_TIMEOUT_SHUTDOWN."""
     fleet = airborne()
-    stream(fleet, PositionSetpoint.of(Mode.HOVER, START, (0.5, 0.0, 0.0), 0.0), 6.0)
+    stream(fleet, PositionSetpoint.of(SetpointMode.HOVER, START, (0.5, 0.0, 0.0), 0.0), 6.0)
     wait(fleet, 1.5)
     assert fleet.firmware.state[0] == State.LEVEL_OUT
     assert fleet.bodies.position[0, 2] == pytest.approx(1.0, abs=0.3)
@@ -126,8 +126,8 @@ def test_a_trajectory_is_flown_by_the_group_that_it_is_for(group: int) -> None:
 
 def test_a_value_that_is_not_finite_or_a_time_scale_of_zero_is_refused() -> None:
     with pytest.raises(FlatsatError, match="an entry of position = nan"):
-        PositionSetpoint.of(Mode.POSITION, (0.0, math.nan, 0.0), STILL, 0.0)
+        PositionSetpoint.of(SetpointMode.POSITION, (0.0, math.nan, 0.0), STILL, 0.0)
     with pytest.raises(FlatsatError, match="yaw = inf rad/s"):
-        PositionSetpoint.of(Mode.HOVER, START, STILL, math.inf)
+        PositionSetpoint.of(SetpointMode.HOVER, START, STILL, math.inf)
     with pytest.raises(FlatsatError, match="time_scale = 0"):
         airborne().start_trajectory(0, 0, time_scale=0.0)

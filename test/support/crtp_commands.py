@@ -14,7 +14,7 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.sim.fleet import SimulatedFleet
-from flatsat_ros.sim.position_controller import Mode, PositionSetpoint
+from flatsat_ros.sim.position_controller import PositionSetpoint, SetpointMode
 from flatsat_ros.sim.trajectories import Piece
 
 TRAJECTORY_MEMORY = 4096  # bytes; TRAJECTORY_MEMORY_SIZE
@@ -49,9 +49,9 @@ class Commands:
         }
         self._setpoints = {
             6: Layout("9hI3h", _full_state),
-            7: Layout("4f", lambda x, y, z, yaw: _setpoint(Mode.POSITION, (x, y, z), _STILL, yaw)),
-            8: Layout("4f", lambda x, y, z, rate: _setpoint(Mode.VELOCITY, _STILL, (x, y, z), rate)),
-            10: Layout("4f", lambda x, y, rate, z: _setpoint(Mode.HOVER, (0.0, 0.0, z), (x, y, 0.0), rate)),
+            7: Layout("4f", lambda x, y, z, yaw: _setpoint(SetpointMode.POSITION, (x, y, z), _STILL, yaw)),
+            8: Layout("4f", lambda x, y, z, rate: _setpoint(SetpointMode.VELOCITY, _STILL, (x, y, z), rate)),
+            10: Layout("4f", lambda x, y, rate, z: _setpoint(SetpointMode.HOVER, (0.0, 0.0, z), (x, y, 0.0), rate)),
         }
 
     def on_high_level(self, data: bytes) -> bytes:
@@ -110,7 +110,9 @@ class Commands:
         )
 
 
-def _setpoint(mode: Mode, place: tuple[float, ...], velocity: tuple[float, ...], yaw: float) -> PositionSetpoint:
+def _setpoint(
+    mode: SetpointMode, place: tuple[float, ...], velocity: tuple[float, ...], yaw: float
+) -> PositionSetpoint:
     return PositionSetpoint.of(mode, place, velocity, math.radians(yaw))
 
 
@@ -118,7 +120,7 @@ def _full_state(*fields: int) -> PositionSetpoint:
     """Return a set-point from millimetres, of which velocity, acceleration and rates are not used, and an attitude."""
     x, y, z, w = quaternion(fields[9])
     yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return PositionSetpoint.of(Mode.FULL_STATE, np.array(fields[:3]) / 1000.0, _STILL, yaw)
+    return PositionSetpoint.of(SetpointMode.FULL_STATE, np.array(fields[:3]) / 1000.0, _STILL, yaw)
 
 
 def quaternion(packed: int) -> FloatArray:

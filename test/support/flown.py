@@ -10,7 +10,7 @@ from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
 from flatsat_ros.identification.log import FlightLog
 from flatsat_ros.law.flatness import input_from_acceleration
-from flatsat_ros.sim.dynamics import STEP, Bodies, Identified
+from flatsat_ros.sim.dynamics import STEP, Bodies, IdentifiedResponse
 
 PERIOD = 0.01  # s, of the log
 _HOLD = round(0.02 / STEP)  # steps between commands
@@ -44,7 +44,11 @@ def fly(
     """
     count, steps = len(seeds), round(seconds / STEP)
     body = Bodies(
-        Identified(profile.dynamics), np.tile((0.0, 0.0, 1.0), (count, 1)), np.zeros(count), thrust=GRAVITY, floor=-9.0
+        IdentifiedResponse(profile.dynamics),
+        np.tile((0.0, 0.0, 1.0), (count, 1)),
+        np.zeros(count),
+        thrust=GRAVITY,
+        floor=-9.0,
     )
     generators = [np.random.default_rng(seed) for seed in seeds]
     rate = 2.0 * np.pi * np.stack([each.uniform(0.1, 0.7, (3, 4)) for each in generators])

@@ -20,7 +20,7 @@ from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.stamps import StampClock
 from flatsat_ros.nodes.controller_node import ControllerNode
-from flatsat_ros.nodes.flight_report import FlightLog
+from flatsat_ros.nodes.flight_report import ThrottledLog
 from flatsat_ros.nodes.ros import messages
 from flatsat_ros.nodes.ros.messages import NANOSECONDS
 from flatsat_ros.sim.fleet import SimulatedFleet
@@ -66,7 +66,7 @@ class Room:
         self.period = self.node._certificate.period
         self._ticks, self.set_by, self.frame, self.blind = 0, 0, "world", set()  # type: ignore[var-annotated]
         self.node._stamps = StampClock(2, lambda: EPOCH + self.set_by + self._steady(), self._steady)
-        self.node._log = FlightLog(self.node.get_logger(), lambda: self._ticks * self.period)
+        self.node._log = ThrottledLog(self.node.get_logger(), lambda: self._ticks * self.period)
         self.node._commands.last_resort._clock = self.node._rivals._clock = lambda: self._ticks * self.period
         self.wires = [Wire(lambda s, i=i: self.fleet.command(i, *s)) for i in (0, 1)]  # type: ignore[misc]
         self.node._commands._publishers = self.wires  # type: ignore[assignment]

@@ -16,7 +16,7 @@ from numpy.polynomial import Polynomial
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.strict_yaml import read_yaml, write_yaml
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.certificate.flight_cell import Box
+from flatsat_ros.certificate.flight_cell import PlantBox
 from flatsat_ros.certificate.flight_loop import FlightLoop
 from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_tube import Assumptions
@@ -129,7 +129,7 @@ def test_command_noise_is_what_noise_makes_of_commands() -> None:
 
 def test_a_search_makes_the_tube_smaller() -> None:
     plant = Plant(0.03, 0.14)
-    plants = Plants(Box(plant, plant), False, plant)
+    plants = Plants(PlantBox(plant, plant), False, plant)
     goal = Goal(0.02, 1.5, 1.0, STILL)
     told: list[str] = []
     found = search(goal, plants, told.append, seconds=2.0)
@@ -140,7 +140,7 @@ def test_a_search_makes_the_tube_smaller() -> None:
 def test_a_search_whose_time_is_over_before_it_finds_one_is_refused() -> None:
     plant = Plant(0.03, 0.14)
     with pytest.raises(FlatsatError, match="tube of every design that was tried = inf"):
-        search(Goal(0.02, 1.5, 1.0, STILL), Plants(Box(plant, plant), False, plant), lambda _: None, seconds=-1.0)
+        search(Goal(0.02, 1.5, 1.0, STILL), Plants(PlantBox(plant, plant), False, plant), lambda _: None, seconds=-1.0)
 
 
 @pytest.mark.parametrize("name", VEHICLES)

@@ -16,7 +16,7 @@ from flatsat_ros.certificate.sampled_loop import Timing
 from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.synthesis import goals
 from flatsat_ros.synthesis.common_function import BreakdownError
-from flatsat_ros.synthesis.goals import corners, rate_covering, robust_rate_covering
+from flatsat_ros.synthesis.goals import rate_covering, robust_rate_covering, start_corners
 from flatsat_ros.synthesis.nominal import synthesize
 from flatsat_ros.synthesis.robust_design import synthesize_robust
 
@@ -33,8 +33,8 @@ def certified_rate(rate: float, start: np.ndarray) -> float:
 
 
 def test_velocities_count_along_and_against_the_position() -> None:
-    np.testing.assert_array_equal(corners([1.0, 2.0, 3.0])[:, 3:], 0.0)
-    found = corners([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    np.testing.assert_array_equal(start_corners([1.0, 2.0, 3.0])[:, 3:], 0.0)
+    found = start_corners([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
     assert (np.abs(found) == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]).all()
     assert {tuple(np.sign(row[[3, 5]])) for row in found} == {(1, 1), (1, -1), (-1, 1), (-1, -1)}
 
@@ -44,7 +44,7 @@ def test_velocities_count_along_and_against_the_position() -> None:
 def test_the_start_lies_on_the_boundary_of_d_and_its_box_inside(errors: list[float]) -> None:
     rate = rate_covering(LIMITS, errors, Timing(0.01))
     sets = synthesize(LIMITS, rate, 0.01, "cover").sets
-    assert float(sets.scale_larger(corners(errors)).max()) == pytest.approx(1.0, abs=1e-4)
+    assert float(sets.scale_larger(start_corners(errors)).max()) == pytest.approx(1.0, abs=1e-4)
     inside = np.random.default_rng(0).uniform(-1.0, 1.0, (200, 6)) * errors
     assert (sets.scale_larger(inside) <= 1.0).all()
     assert sets.classify(inside).guaranteed.all()
@@ -53,7 +53,7 @@ def test_the_start_lies_on_the_boundary_of_d_and_its_box_inside(errors: list[flo
 @settings(max_examples=10, deadline=None)
 @given(errors=magnitudes, factor=st.floats(1.01, 1.5))
 def test_no_other_rate_has_a_kappa_set_that_is_faster(errors: list[float], factor: float) -> None:
-    start = corners(errors)
+    start = start_corners(errors)
     rate = rate_covering(LIMITS, errors, Timing(0.01))
     best = certified_rate(rate, start)
     assert best == pytest.approx(rate, rel=1e-3)
@@ -66,7 +66,7 @@ def test_with_lag_and_delay_the_first_test_of_the_paper_is_covered_from_hover(ti
     errors = [1.2, 1.2, 0.8]
     rate = rate_covering(LIMITS, errors, timing)
     certificate = synthesize(LIMITS, rate, timing.period, "cover", lag=timing.lag, delay=timing.delay)
-    assert certificate.sets.classify(corners(errors)).guaranteed.all()
+    assert certificate.sets.classify(start_corners(errors)).guaranteed.all()
     assert 1.05 < rate < 1.16
 
 
@@ -86,14 +86,14 @@ def test_under_disturbance_the_start_is_guaranteed_and_a_faster_rate_would_not_d
     def certificate(at: float) -> Certificate:
         return synthesize_robust(STRONG, drift, push, 0.01, "cover", rate=at)
 
-    assert certificate(rate).sets.classify(corners(errors)).guaranteed.all()
-    assert not certificate(rate * 1.02).sets.classify(corners(errors)).guaranteed.all()
+    assert certificate(rate).sets.classify(start_corners(errors)).guaranteed.all()
+    assert not certificate(rate * 1.02).sets.classify(start_corners(errors)).guaranteed.all()
 
 
 @pytest.mark.parametrize("errors", [[], [1.0, 1.0], [1.0] * 5, [0.0] * 3, [1.0, -1.0, 1.0], [1.0, math.inf, 1.0]])
 def test_other_start_errors_are_refused(errors: list[float]) -> None:
     with pytest.raises(FlatsatError, match="cover"):
-        corners(errors)
+        start_corners(errors)
 
 
 def test_what_no_rate_covers_is_refused() -> None:

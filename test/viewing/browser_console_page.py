@@ -14,8 +14,8 @@ from browser import PHONE
 from console_page import ConsolePage, opened
 
 from flatsat_ros.flight.telemetry import FIELDS
-from flatsat_ros.viewing.page import console
-from flatsat_ros.viewing.server import ConsoleServer, Stream
+from flatsat_ros.viewing.page import page_of_console
+from flatsat_ros.viewing.server import Broadcast, ConsoleServer
 
 EVIL = "<img src=x onerror=document.title=1>"
 SETUPS: tuple[dict[str, Any], ...] = (
@@ -30,8 +30,8 @@ class Teller:
     """Tells pages whatever it is given, and refuses what they ask for."""
 
     def __init__(self) -> None:
-        self.stream = Stream(lambda _: None)
-        self.server = ConsoleServer(0, console(), self.stream, self._refuse)
+        self.stream = Broadcast(lambda _: None)
+        self.server = ConsoleServer(0, page_of_console(), self.stream, self._refuse)
         self.server.serve()
         self._line, self._began = 0, 0.0
 

@@ -15,7 +15,7 @@ from selenium.webdriver.common.keys import Keys
 
 from flatsat_ros.cli.demo import main
 from flatsat_ros.flight.telemetry import FIELDS
-from flatsat_ros.viewing.flight import POSE_FIELDS, Channel, Event, Flight, Track
+from flatsat_ros.viewing.flight import POSE_FIELDS, Channel, Flight, LoggedEvent, Track
 from flatsat_ros.viewing.page import report
 
 WIDTHS = {"desktop": DESKTOP, "phone": PHONE}
@@ -150,7 +150,10 @@ def test_a_recording_that_cannot_be_true_is_shown_all_the_same(tmp_path: Path, w
         "tube_m": [1],
         "gain_max": "</script>",
     }
-    events = [Event(1.0, "<i>", "error", "<script>document.title=1</script>" * 50), Event(math.nan, "", "odd", "")]
+    events = [
+        LoggedEvent(1.0, "<i>", "error", "<script>document.title=1</script>" * 50),
+        LoggedEvent(math.nan, "", "odd", ""),
+    ]
     file = tmp_path / "wild.html"
     file.write_text(report(Flight("<b>wild</b>", tracks, events, setup, ["<b>"])), encoding="utf-8")
     with browser(f"{file.as_uri()}#5", WIDTHS[width]) as page:

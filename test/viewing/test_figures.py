@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.viewing.figures import COLUMNS, figures_of, separation
-from flatsat_ros.viewing.flight import POSE_FIELDS, Channel, Event, Flight, Track, with_mode_events
+from flatsat_ros.viewing.flight import POSE_FIELDS, Channel, Flight, LoggedEvent, Track, with_mode_events
 
 TIMES = np.arange(0.0, 10.0, 0.1)
 
@@ -108,7 +108,7 @@ def test_one_drone_has_no_distance_and_a_gap_says_nothing() -> None:
 
 def test_changes_of_modes_are_events_in_the_order_of_time() -> None:
     modes = np.select([TIMES < 1.0, TIMES < 5.0], [Mode.IDLE, Mode.FLY], Mode.LEVEL)
-    flight = Flight("", [Track("cf1", {"tick": ticks(mode=modes)})], [Event(2.0, "", "warning", "windy")])
+    flight = Flight("", [Track("cf1", {"tick": ticks(mode=modes)})], [LoggedEvent(2.0, "", "warning", "windy")])
     events = with_mode_events(flight).events
     assert [(event.text, event.severity) for event in events] == [
         ("IDLE → FLY", "info"),

@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 from flatsat_ros.flight.assumptions import Assumption
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.telemetry import FIELDS
-from flatsat_ros.viewing.flight import POSE_FIELDS, Channel, Event, Flight, Track
-from flatsat_ros.viewing.page import LIVE, PAGE, RECORDED, VENDOR, console, encode, report
+from flatsat_ros.viewing.flight import POSE_FIELDS, Channel, Flight, LoggedEvent, Track
+from flatsat_ros.viewing.page import LIVE, PAGE, RECORDED, VENDOR, encode, page_of_console, report
 
 EVIL = "</script><script>alert(1)</script>&<b>"
 LARGEST = float(np.finfo(np.float32).max)
@@ -55,7 +55,7 @@ def test_what_the_page_decodes_is_what_was_flown(
 ) -> None:
     samples = np.array(rows, dtype=float).reshape(-1, 8)
     tracks = [Track(name, {"pose": Channel(POSE_FIELDS, samples)}) for name in names]
-    flight = Flight(text, tracks, [Event(1.0, "", "info", text)], {"value": value}, [text])
+    flight = Flight(text, tracks, [LoggedEvent(1.0, "", "info", text)], {"value": value}, [text])
     header, drones = decoded(encode(flight))
     assert [drone["name"] for drone in header["drones"]] == names
     assert header["title"] == header["events"][0]["text"] == header["notes"][0] == text
@@ -71,7 +71,7 @@ def test_what_the_page_decodes_is_what_was_flown(
 
 def test_the_page_has_everything_in_it_and_text_stays_text() -> None:
     pose = Channel(POSE_FIELDS, np.array([[0.0, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0]]))
-    page = report(Flight(EVIL, [Track(EVIL, {"pose": pose})], [Event(0.0, EVIL, "info", EVIL)], {EVIL: EVIL}))
+    page = report(Flight(EVIL, [Track(EVIL, {"pose": pose})], [LoggedEvent(0.0, EVIL, "info", EVIL)], {EVIL: EVIL}))
     assert "{{" not in re.sub(r"<script>.*", "", page, flags=re.DOTALL)
     assert EVIL not in page
     assert "<script>alert" not in page
@@ -89,7 +89,9 @@ def test_a_title_that_looks_like_a_place_of_the_page_stays_text() -> None:
 
 
 def test_the_report_may_ask_nobody_and_the_console_its_own_server_alone() -> None:
-    allowed = [re.search(r"default-src 'none'; (.*?)script-src", page) for page in (report(Flight("", [])), console())]
+    allowed = [
+        re.search(r"default-src 'none'; (.*?)script-src", page) for page in (report(Flight("", [])), page_of_console())
+    ]
     assert [found and found[1] for found in allowed] == ["", "connect-src 'self'; "]
 
 

@@ -15,8 +15,8 @@ from typing import Any
 import pytest
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.viewing.page import console
-from flatsat_ros.viewing.server import ADDRESS, CONNECTIONS, VIEWERS, ConsoleServer, Stream, _Handler
+from flatsat_ros.viewing.page import page_of_console
+from flatsat_ros.viewing.server import ADDRESS, CONNECTIONS, VIEWERS, Broadcast, ConsoleServer, _Handler
 
 PAGE = "<!doctype html><title>page</title>"
 
@@ -29,7 +29,7 @@ class Desk:
     followed: list[bool] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.stream = Stream(self.followed.append)
+        self.stream = Broadcast(self.followed.append)
         self.server = ConsoleServer(0, PAGE, self.stream, self.command)
         self.server.serve()
         self.host = self.server.address.removeprefix("http://")
@@ -236,10 +236,10 @@ def test_at_its_end_nobody_is_left_waiting(desk: Desk) -> None:
 def test_a_port_that_is_taken_is_refused_by_its_number(desk: Desk) -> None:
     port = int(desk.host.rpartition(":")[2])
     with pytest.raises(FlatsatError, match=rf"parameter port = {port}: must be one on which nobody listens"):
-        ConsoleServer(port, PAGE, Stream(lambda _: None), desk.command)
+        ConsoleServer(port, PAGE, Broadcast(lambda _: None), desk.command)
 
 
 def test_the_consoles_page_is_whole_and_speaks_to_its_own_server_only() -> None:
-    page = console()
+    page = page_of_console()
     assert "{{" not in page.partition("<script>")[0]
     assert "connect-src 'self'" in page

@@ -15,7 +15,7 @@ from typing import Protocol
 
 from flatsat_ros.base.errors import refusal, require
 from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE
-from flatsat_ros.falsification.faults.criteria import Bounds, End, Outcome, Remark, broken
+from flatsat_ros.falsification.faults.criteria import Criteria, DroneOutcome, End, Remark, broken
 
 FAULTS_MAX = 5  # faults that may have accepted rows
 
@@ -55,7 +55,7 @@ class Accepted:
 
     fault: str
     phases: tuple[str, ...]
-    bounds: Bounds
+    bounds: Criteria
     happens: str
     advice: str
     others: tuple[str, ...] = ()
@@ -90,7 +90,7 @@ ACCEPTED: tuple[Accepted, ...] = (
     Accepted(
         "wind_4",
         (),
-        Bounds(End.SAFE, distance=4.0, told=_BLOWN),
+        Criteria(End.SAFE, distance=4.0, told=_BLOWN),
         "Tilted by all that a certificate for 10 degrees allows it does not hold its place against 4 m/s: it drifts up "
         "to 3 m within seconds, says so, and lands where it is.",
         "Keep fans, open windows and rotors of larger drones away: the air may move with 3.5 m/s at most.",
@@ -99,7 +99,7 @@ ACCEPTED: tuple[Accepted, ...] = (
     Accepted(
         "wind_6",
         _AIR,
-        Bounds(End.SAFE, impact=2.5, distance=15.0, told=_BLOWN),
+        Criteria(End.SAFE, impact=2.5, distance=15.0, told=_BLOWN),
         "A sudden wind of 6 m/s carries it 1.8 m away; it says so, comes back, and flies on instead of "
         "landing. With a certificate for 10 degrees of tilt it is carried up to 13 m away and lands where it is.",
         "Keep fans, open windows and rotors of larger drones away, and fly inside a net.",
@@ -107,14 +107,14 @@ ACCEPTED: tuple[Accepted, ...] = (
     Accepted(
         "propeller",
         ("hover",),
-        Bounds(End.DOWN, impact=math.inf, distance=2.0, told=r"fall|tumble|motors"),
+        Criteria(End.DOWN, impact=math.inf, distance=2.0, told=r"fall|tumble|motors"),
         "It tumbles, is thrown up to 1.6 m sideways, and falls.",
         "Look at propellers before every flight, and stand 2 m away or behind a net.",
     ),
     Accepted(
         "commands_late_0.2s",
         _ALL,
-        Bounds(End.SAFE, impact=1.5, speed=1.0, again=True),
+        Criteria(End.SAFE, impact=1.5, speed=1.0, again=True),
         "A loop whose commands come 0.1 s later than its certificate assumes is unstable: it swings, by up to 0.7 m "
         "until it is flown softly, and again when that ends; it may hop at its landing.",
         _LATE,
@@ -122,7 +122,7 @@ ACCEPTED: tuple[Accepted, ...] = (
     Accepted(
         "commands_late_0.3s",
         _ALL,
-        Bounds(End.SAFE, impact=2.0, speed=1.0, again=True),
+        Criteria(End.SAFE, impact=2.0, speed=1.0, again=True),
         "Commands so much later than the certificate allows for make it swing up and down until it is told to sink, at "
         "the speed that it has by then: it meets the floor with up to 1.1 m/s. With `cf21_50hz` it is 2.7 m/s: "
         "not accepted.",
@@ -135,7 +135,7 @@ def is_accepted(
     certificate: str,
     fault: str,
     phase: str,
-    outcomes: Sequence[Outcome],
+    outcomes: Sequence[DroneOutcome],
     victims: Sequence[int],
     remarks: Iterable[Remark],
     *,

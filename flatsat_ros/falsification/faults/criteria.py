@@ -40,7 +40,7 @@ class End(Enum):
 
 
 @dataclass(frozen=True)
-class Bounds:
+class Criteria:
     """What the drones with a fault must keep.
 
     Attributes:
@@ -65,7 +65,7 @@ class Bounds:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class DroneOutcome:
     """What came of the flight of one drone.
 
     Attributes:
@@ -111,7 +111,12 @@ class Outcome:
 
 
 def broken(
-    outcomes: Sequence[Outcome], bounds: Bounds, victims: Sequence[int], remarks: Iterable[Remark], *, lands: bool
+    outcomes: Sequence[DroneOutcome],
+    bounds: Criteria,
+    victims: Sequence[int],
+    remarks: Iterable[Remark],
+    *,
+    lands: bool,
 ) -> Iterator[str]:
     """Yield which bounds a flight broke, each as a sentence; a figure that is not a number breaks its bound.
 
@@ -122,7 +127,7 @@ def broken(
         remarks: what was told since the fault.
         lands: the drones were on their way to the floor.
     """
-    bystanders = Bounds(End.ALOFT, distance=_BYSTANDER)
+    bystanders = Criteria(End.ALOFT, distance=_BYSTANDER)
     remarks = list(remarks)
     for drone, outcome in enumerate(outcomes):
         own = bounds if drone in victims else bystanders
@@ -141,7 +146,7 @@ def broken(
             yield f"nothing was told of {name} that matches {own.told!r}"
 
 
-def _end(outcome: Outcome, bounds: Bounds, *, lands: bool) -> str:
+def _end(outcome: DroneOutcome, bounds: Criteria, *, lands: bool) -> str:
     """Return what is wrong with the end of a drone's flight, empty for nothing."""
     wanted, hovers, stands = bounds.end, outcome.hovers(bounds.speed), outcome.stands(again=bounds.again)
     if wanted is End.GROUNDED:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from flatsat_ros.falsification.faults.criteria import Bounds
+from flatsat_ros.falsification.faults.criteria import Criteria
 from flatsat_ros.falsification.faults.phases import STANDING, Phase, land_all
 from flatsat_ros.falsification.faults.scene import Scene
 from flatsat_ros.sim.faults import CommandFault, PoseFault, of_drones
@@ -41,8 +41,8 @@ class Fault:
     name: str
     meaning: str
     steps: tuple[tuple[float, Action], ...]
-    bounds: Bounds
-    special: Mapping[Phase, Bounds] = field(default_factory=dict)
+    bounds: Criteria
+    special: Mapping[Phase, Criteria] = field(default_factory=dict)
     victims: tuple[int, ...] = ONE
     fleet: Mapping[str, Any] = field(default_factory=dict)
     since_take_off: float | None = None
@@ -67,7 +67,7 @@ def end(scene: Scene) -> None:
     scene.link.commands.clear()
 
 
-def from_the_start(name: str, meaning: str, fault: Action, bounds: Bounds, **more: Any) -> Fault:
+def from_the_start(name: str, meaning: str, fault: Action, bounds: Criteria, **more: Any) -> Fault:
     """Return a fault that begins before the take-off; the drones fly with it, and are told to land.
 
     Args:

@@ -19,7 +19,7 @@ from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.demo.live import SLICE, Live
 from flatsat_ros.demo.processes import command_of, end, start
 from flatsat_ros.falsification.faults.accepted import is_accepted
-from flatsat_ros.falsification.faults.criteria import Outcome, Remark, broken
+from flatsat_ros.falsification.faults.criteria import DroneOutcome, Remark, broken
 from flatsat_ros.falsification.faults.live_table import LIVE_FAULTS, LiveFault
 from flatsat_ros.falsification.faults.record import Record
 from flatsat_ros.falsification.faults.rows import Row, row_of
@@ -273,7 +273,7 @@ def _judged(fault: LiveFault, began: float, flight: LiveFlight, certificate: str
     return row_of(name, LIVE, 0, outcomes, victims, remarks, problems, certificate, accepted=accepted)
 
 
-def _outcomes(began: float, flight: LiveFlight) -> list[Outcome]:
+def _outcomes(began: float, flight: LiveFlight) -> list[DroneOutcome]:
     lab = flight.conductor
     times, places = lab.truth()
     velocities = np.zeros_like(places)

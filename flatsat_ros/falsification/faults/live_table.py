@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flatsat_ros.falsification.faults.criteria import Bounds, End
+from flatsat_ros.falsification.faults.criteria import Criteria, End
 from flatsat_ros.flight.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ ONE, BOTH = (0,), (0, 1)
 _POSE = r"pose"
 _LATE = r"late|stall|stood still|tick"
 _REFUSED = r"refused|must be|at most|too (many|long)"
-_UNDISTURBED = Bounds(End.DONE, distance=0.5, told=_REFUSED)
+_UNDISTURBED = Criteria(End.DONE, distance=0.5, told=_REFUSED)
 _POINTS = 100_000
 
 
@@ -46,7 +46,7 @@ class LiveFault:
     name: str
     meaning: str
     steps: tuple[tuple[float, Action], ...]
-    bounds: Bounds
+    bounds: Criteria
     victims: tuple[int, ...] = ONE
     height: float = 1.0
     watched: float = 8.0
@@ -82,13 +82,13 @@ def _goal_above(flight: LiveFlight) -> None:
     flight.go_to(0, flight.paths[0][-1] + (0.0, 0.0, 1.0))
 
 
-def _once(name: str, meaning: str, action: Action, bounds: Bounds, victims: tuple[int, ...] = ONE) -> LiveFault:
+def _once(name: str, meaning: str, action: Action, bounds: Criteria, victims: tuple[int, ...] = ONE) -> LiveFault:
     """Do one thing, and watch for longer."""
     return LiveFault(name, meaning, ((0.0, action),), bounds, victims, watched=10.0)
 
 
 def _ends(
-    name: str, meaning: str, *steps: tuple[float, signal.Signals], bounds: Bounds, height: float = 1.0
+    name: str, meaning: str, *steps: tuple[float, signal.Signals], bounds: Criteria, height: float = 1.0
 ) -> LiveFault:
     """End the controller by signals."""
     actions = tuple((delay, _send("controller", number)) for delay, number in steps)
@@ -109,14 +109,14 @@ LIVE_FAULTS: dict[str, LiveFault] = {
             "controller_killed",
             "kill -9 of the controller, started again at once; the firmware stops the motors after 2 s",
             ((0.0, _send("controller", signal.SIGKILL)), (0.3, _start("controller"))),
-            Bounds(End.DOWN, impact=math.inf),
+            Criteria(End.DOWN, impact=math.inf),
             BOTH,
         ),
         LiveFault(
             "sim_drone_killed",
             "kill -9 of sim_drone, started again at once: the drones are back on the floor",
             ((0.0, _send("sim_drone", signal.SIGKILL)), (0.5, _start("sim_drone"))),
-            Bounds(End.DOWN, impact=math.inf, told=_POSE),
+            Criteria(End.DOWN, impact=math.inf, told=_POSE),
             BOTH,
             watched=12.0,
         ),
@@ -124,40 +124,40 @@ LIVE_FAULTS: dict[str, LiveFault] = {
             "controller_stopped_1s",
             "SIGSTOP of the controller for 1 s",
             ((0.0, _send("controller", signal.SIGSTOP)), (1.0, _send("controller", signal.SIGCONT))),
-            Bounds(End.DONE, told=_LATE),
+            Criteria(End.DONE, told=_LATE),
             BOTH,
         ),
         LiveFault(
             "controller_stopped_5s",
             "SIGSTOP of the controller for 5 s; the firmware stops the motors after 2 s",
             ((0.0, _send("controller", signal.SIGSTOP)), (5.0, _send("controller", signal.SIGCONT))),
-            Bounds(End.DOWN, impact=math.inf, told=_LATE),
+            Criteria(End.DOWN, impact=math.inf, told=_LATE),
             BOTH,
         ),
         LiveFault(
             "sim_drone_stopped_1s",
             "SIGSTOP of sim_drone for 1 s: no poses, and the drones stand still in the air",
             ((0.0, _send("sim_drone", signal.SIGSTOP)), (1.0, _send("sim_drone", signal.SIGCONT))),
-            Bounds(End.DONE, told=_POSE),
+            Criteria(End.DONE, told=_POSE),
             BOTH,
         ),
         LiveFault(
             "relay_killed",
             "kill -9 of the link, poses and commands: the firmware stops the motors after 2 s",
             ((0.0, _send("relay", signal.SIGKILL)),),
-            Bounds(End.DOWN, impact=math.inf, told=_POSE),
+            Criteria(End.DOWN, impact=math.inf, told=_POSE),
             BOTH,
         ),
-        _ends("sighup", "SIGHUP, as of a closed terminal", (0.0, signal.SIGHUP), bounds=Bounds(End.DOWN)),
-        _ends("sigterm", "SIGTERM", (0.0, signal.SIGTERM), bounds=Bounds(End.DOWN)),
-        _ends("ctrl_c", "Ctrl-C, 1 m above the floor", (0.0, signal.SIGINT), bounds=Bounds(End.DOWN)),
-        _ends("ctrl_c_2m", "Ctrl-C, 2 m above the floor", (0.0, signal.SIGINT), bounds=Bounds(End.DOWN), height=2.0),
+        _ends("sighup", "SIGHUP, as of a closed terminal", (0.0, signal.SIGHUP), bounds=Criteria(End.DOWN)),
+        _ends("sigterm", "SIGTERM", (0.0, signal.SIGTERM), bounds=Criteria(End.DOWN)),
+        _ends("ctrl_c", "Ctrl-C, 1 m above the floor", (0.0, signal.SIGINT), bounds=Criteria(End.DOWN)),
+        _ends("ctrl_c_2m", "Ctrl-C, 2 m above the floor", (0.0, signal.SIGINT), bounds=Criteria(End.DOWN), height=2.0),
         _ends(
             "ctrl_c_then_sigterm",
             "Ctrl-C, 0.5 s later SIGTERM",
             (0.0, signal.SIGINT),
             (0.5, signal.SIGTERM),
-            bounds=Bounds(End.DOWN),
+            bounds=Criteria(End.DOWN),
         ),
         _ends(
             "ctrl_c_twice",
@@ -165,7 +165,7 @@ LIVE_FAULTS: dict[str, LiveFault] = {
             (0.0, signal.SIGINT),
             (0.5, signal.SIGINT),
             # the firmware keeps the last command for 2 s
-            bounds=Bounds(End.DOWN, impact=math.inf),
+            bounds=Criteria(End.DOWN, impact=math.inf),
         ),
         _once("use_sim_time", "use_sim_time is set in flight", _set("use_sim_time", True), _UNDISTURBED, BOTH),
         LiveFault(
@@ -194,47 +194,47 @@ LIVE_FAULTS: dict[str, LiveFault] = {
             "pose_bytes",
             "poses of eight odd bytes among the right ones, for 2 s",
             ((0.0, _poses("bytes")), (2.0, _poses(""))),
-            Bounds(End.DONE, distance=0.5, told=r"pose|byte"),
+            Criteria(End.DONE, distance=0.5, told=r"pose|byte"),
         ),
-        _once("pose_frame", "poses in another frame_id", _poses("frame"), Bounds(End.DOWN, told=r"frame")),
+        _once("pose_frame", "poses in another frame_id", _poses("frame"), Criteria(End.DOWN, told=r"frame")),
         LiveFault(
             "poses_lost_1s",
             "no pose for 1 s",
             ((0.0, _poses("lost")), (1.0, _poses(""))),
-            Bounds(End.DONE, told=_POSE),
+            Criteria(End.DONE, told=_POSE),
         ),
-        _once("poses_lost", "no pose for good", _poses("lost"), Bounds(End.DOWN, told=_POSE)),
+        _once("poses_lost", "no pose for good", _poses("lost"), Criteria(End.DOWN, told=_POSE)),
         _once(
             "poses_repeated",
             "the last pose again and again, with fresh stamps",
             _poses("repeated"),
-            Bounds(End.DOWN, told=_POSE),
+            Criteria(End.DOWN, told=_POSE),
         ),
         _once(
             "second_source",
             "a second source of poses, 1 m off, in bursts of 0.5 s",
             _poses("second_source"),
-            Bounds(End.SAFE, told=r"second|sender|two|publishers"),
+            Criteria(End.SAFE, told=r"second|sender|two|publishers"),
         ),
         LiveFault(
             "second_controller",
             "a second controller for the same drones, and a goal for both controllers",
             ((0.0, _start("second_controller")), (3.0, _goal_above)),
-            Bounds(End.SAFE, told=r"second|sender|two|publishers|another"),
+            Criteria(End.SAFE, told=r"second|sender|two|publishers|another"),
             BOTH,
         ),
         LiveFault(
             "land_in_climb",
             "land, 0.7 s after a goal 1 m above",
             ((0.0, _goal_above), (0.7, lambda flight: flight.land_drone(0))),
-            Bounds(End.DOWN),
+            Criteria(End.DOWN),
             watched=12.0,
         ),
         LiveFault(
             "emergency_reboot",
             "emergency stop, 3 s later a reboot",
             ((0.0, _ask_drone("emergency")), (3.0, _ask_drone("reboot"))),
-            Bounds(End.DOWN, impact=math.inf, told=r"climb|motors|fall|rise|emergency|lock|reboot"),
+            Criteria(End.DOWN, impact=math.inf, told=r"climb|motors|fall|rise|emergency|lock|reboot"),
             watched=12.0,
         ),
     )

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from flatsat_ros.falsification.faults.criteria import Bounds, End
+from flatsat_ros.falsification.faults.criteria import Criteria, End
 from flatsat_ros.falsification.faults.fault import ALL, Action, Fault, commands, poses
 from flatsat_ros.falsification.faults.phases import Phase
 from flatsat_ros.falsification.faults.scene import Scene
@@ -16,11 +16,11 @@ from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim import faults
 
 _REFUSED = "refused"
-_UNDISTURBED = Bounds(End.DONE, distance=0.5, told=_REFUSED)
-_FLIES_ON = Bounds(End.ALOFT, distance=0.5)
-_LANDS = Bounds(End.DOWN)
+_UNDISTURBED = Criteria(End.DONE, distance=0.5, told=_REFUSED)
+_FLIES_ON = Criteria(End.ALOFT, distance=0.5)
+_LANDS = Criteria(End.DOWN)
 # a goal or a trajectory ends a landing
-_OR_LANDED = {Phase.LANDING: Bounds(End.SAFE, distance=0.5)}
+_OR_LANDED = {Phase.LANDING: Criteria(End.SAFE, distance=0.5)}
 
 # each of them is refused: rate, threshold, initial gain, cap
 _GARBAGE = (
@@ -164,7 +164,7 @@ def _taken_over(name: str, meaning: str, fault: Action) -> Fault:
         f"as controller_restarted, but {meaning}, and the goals are where the drones are",
         ((0.0, _kill), (0.8, _start_again), (0.8, fault), (1.1, _goal_here)),
         # as of those that took off; of two, a metre apart, that both go astray by as much nobody keeps them apart
-        Bounds(End.SAFE, told=r"pose|yaw|axis|sign|command|innovation|predict", separation=0.0),
+        Criteria(End.SAFE, told=r"pose|yaw|axis|sign|command|innovation|predict", separation=0.0),
         victims=ALL,
     )
 
@@ -191,7 +191,7 @@ def _empty(scene: Scene) -> None:
     scene.readings[0] = scene.vehicle.battery.landing_voltage - 0.05
 
 
-def _above(name: str, meaning: str, happens: Action, bounds: Bounds, *others: int) -> Fault:
+def _above(name: str, meaning: str, happens: Action, bounds: Criteria, *others: int) -> Fault:
     """Return a fault of a drone that hovers above one that stands; others land with them."""
     steps = ((0.0, _land_below), (7.0, _fly_above), (14.0, happens))
     return Fault(name, meaning, steps, bounds, victims=(0, 1, *others), watched=16.0)
@@ -209,20 +209,20 @@ ORDER_FAULTS = (
         "land_far_from_goal",
         "land, 1 s after a goal 9 m away",
         ((0.0, _goal((0.0, 9.0, 0.0), flown=False)), (1.0, _land)),
-        Bounds(End.DOWN, distance=1.5),
+        Criteria(End.DOWN, distance=1.5),
     ),
     Fault("land_twice", "land, twice within 0.5 s", ((0.0, _land), (0.5, _land)), _LANDS),
     _above(
         "land_above_empty",
         "the battery of a drone is empty that is a metre above one that stands",
         _empty,
-        Bounds(End.DOWN, told=r"below: it lands .* aside|touched down"),
+        Criteria(End.DOWN, told=r"below: it lands .* aside|touched down"),
     ),
     _above(
         "land_above_ctrl_c",
         "Ctrl-C, while a drone is a metre above one that stands",
         _end_controller,
-        Bounds(End.DOWN),
+        Criteria(End.DOWN),
         2,
     ),
     _above(
@@ -230,7 +230,7 @@ ORDER_FAULTS = (
         "no pose of a drone that is a metre above one that stands",
         poses(lambda _: faults.lost),
         # without poses it can only be told
-        Bounds(End.DOWN, told=r"below, onto which it may sink|touched down", separation=0.0),
+        Criteria(End.DOWN, told=r"below, onto which it may sink|touched down", separation=0.0),
     ),
     Fault("goal_10m", "a goal 10 m away", _asked(_goal((0.0, 10.0, 0.0))), _FLIES_ON, _OR_LANDED, watched=16.0),
     Fault("goal_100m", "a goal 100 m away", _asked(_goal((0.0, 100.0, 0.0))), _FLIES_ON, _OR_LANDED),
@@ -242,15 +242,15 @@ ORDER_FAULTS = (
         "goal_at_neighbour",
         "a goal 5 cm above another drone",
         _asked(_goal_at_neighbour),
-        Bounds(End.ALOFT, told=r"refused|separat|near|yield|wait"),
-        {Phase.LANDING: Bounds(End.SAFE, told=r"refused|separat|near|yield|wait")},
+        Criteria(End.ALOFT, told=r"refused|separat|near|yield|wait"),
+        {Phase.LANDING: Criteria(End.SAFE, told=r"refused|separat|near|yield|wait")},
     ),
     Fault(
         "goals_crossing",
         "two drones get each other's place for a goal",
         _asked(_goals_crossing),
-        Bounds(End.ALOFT),
-        {Phase.LANDING: Bounds(End.SAFE)},
+        Criteria(End.ALOFT),
+        {Phase.LANDING: Criteria(End.SAFE)},
         victims=(0, 1),
     ),
     Fault("goals_in_a_row", "thirty goals in 3 s", _goals_in_a_row(), _FLIES_ON, _OR_LANDED),
@@ -264,19 +264,19 @@ ORDER_FAULTS = (
         "trajectory_far_away",
         "a trajectory that begins 3 m away",
         _asked(_trajectory((0.0, 3.0, 0.0), (0.0, 3.5, 0.0), 3.0)),
-        Bounds(End.SAFE),
+        Criteria(End.SAFE),
     ),
     Fault("parameters", "six parameters that are refused", _asked(_garbage), _UNDISTURBED),
     Fault("disarm", "disarm", _asked(_disarm), _UNDISTURBED),
     Fault("take_off_again", "take off, though in flight", _asked(lambda scene: scene.take_off(0, 0.5)), _UNDISTURBED),
-    Fault("arm_race", "two programs arm, disarm, take off and land for 3 s", _arm_race(), Bounds(End.SAFE)),
+    Fault("arm_race", "two programs arm, disarm, take off and land for 3 s", _arm_race(), Criteria(End.SAFE)),
     Fault("hand_over", "hand over to the drone's own commander", _asked(_hand_over), _FLIES_ON, _OR_LANDED),
     Fault(
         "controller_restarted",
         "the controller is killed, starts again after 0.8 s and gets its goals again 0.3 s later",
         ((0.0, _kill), (0.8, _start_again), (1.1, _goal_again)),
-        Bounds(End.DONE),
-        {Phase.LANDING: Bounds(End.SAFE)},
+        Criteria(End.DONE),
+        {Phase.LANDING: Criteria(End.SAFE)},
         victims=ALL,
     ),
     _taken_over(
@@ -304,5 +304,5 @@ ORDER_FAULTS = (
         _LANDS,
         victims=ALL,
     ),
-    Fault("nothing", "nothing goes wrong", (), Bounds(End.DONE, distance=0.2, arrival=0.03), victims=ALL),
+    Fault("nothing", "nothing goes wrong", (), Criteria(End.DONE, distance=0.2, arrival=0.03), victims=ALL),
 )  # fmt: skip

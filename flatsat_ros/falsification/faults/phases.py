@@ -37,7 +37,7 @@ class Phase(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class PhaseSetting:
     """What a phase is like.
 
     Attributes:
@@ -106,9 +106,9 @@ def _swap(scene: Scene, height: float) -> None:
 
 
 PLANS = {
-    Phase.HOVER: Plan("two drones hover a metre apart", _PAIR, _hover),
-    Phase.MOVING: Plan("two drones fly 2 m side by side", _PAIR, _move),
-    Phase.TAKE_OFF: Plan("two drones have begun to climb", _PAIR, _climb),
-    Phase.LANDING: Plan("two drones are landing", _PAIR, _land, lands=True),
-    Phase.SWAP: Plan("three drones swap places, 1.25 m apart", _TRIANGLE, _swap),
+    Phase.HOVER: PhaseSetting("two drones hover a metre apart", _PAIR, _hover),
+    Phase.MOVING: PhaseSetting("two drones fly 2 m side by side", _PAIR, _move),
+    Phase.TAKE_OFF: PhaseSetting("two drones have begun to climb", _PAIR, _climb),
+    Phase.LANDING: PhaseSetting("two drones are landing", _PAIR, _land, lands=True),
+    Phase.SWAP: PhaseSetting("three drones swap places, 1.25 m apart", _TRIANGLE, _swap),
 }

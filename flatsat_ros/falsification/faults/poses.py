@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from flatsat_ros.falsification.faults.criteria import Bounds, End
+from flatsat_ros.falsification.faults.criteria import Criteria, End
 from flatsat_ros.falsification.faults.fault import ALL, EARLY, ONE, Action, Fault, end, from_the_start, poses
 from flatsat_ros.falsification.faults.phases import Phase
 from flatsat_ros.falsification.faults.scene import Scene
@@ -15,16 +15,16 @@ from flatsat_ros.sim import faults
 from flatsat_ros.sim.faults import PoseFault
 
 _POSE = r"pose"
-_SURVIVED = Bounds(End.DONE, distance=0.5)
-_TOLD_AND_SURVIVED = Bounds(End.DONE, told=_POSE)
-_DOWN = Bounds(End.DOWN, told=_POSE)
-_SAFE = Bounds(End.SAFE, told=_POSE)
+_SURVIVED = Criteria(End.DONE, distance=0.5)
+_TOLD_AND_SURVIVED = Criteria(End.DONE, told=_POSE)
+_DOWN = Criteria(End.DOWN, told=_POSE)
+_SAFE = Criteria(End.SAFE, told=_POSE)
 # a wrong sign is noticed within 0.3 m of a hover; the rest is the way to the floor
-_WRONG = Bounds(End.SAFE, told=r"pose|yaw|axis|sign|command|innovation|predict")
+_WRONG = Criteria(End.SAFE, told=r"pose|yaw|axis|sign|command|innovation|predict")
 # a coordinate that stands still is noticed before the drone has gone 0.3 m; without it the drone sinks level
-_STILL = Bounds(End.DOWN, distance=0.5, told=r"\b[xyz]\b has stood still")
+_STILL = Criteria(End.DOWN, distance=0.5, told=r"\b[xyz]\b has stood still")
 _MIRRORED = replace(_STILL, told=r"pose|\bz\b")
-_NO_TAKE_OFF = Bounds(End.GROUNDED, told=r"orientation|yaw")
+_NO_TAKE_OFF = Criteria(End.GROUNDED, told=r"orientation|yaw")
 
 
 def _rise(scene: Scene) -> None:
@@ -56,7 +56,7 @@ def _for(
     return (0.0, poses(make, victims)), (seconds, end)
 
 
-def _loss(seconds: float, bounds: Bounds, victims: tuple[int, ...] = ONE, height: float = 1.0) -> Fault:
+def _loss(seconds: float, bounds: Criteria, victims: tuple[int, ...] = ONE, height: float = 1.0) -> Fault:
     whose = "one drone" if victims is ONE else "all drones"
     name = f"poses_lost_{seconds:g}s{'' if victims is ONE else '_all'}{'' if height == 1.0 else f'_{height:g}m'}"
     above = "" if height == 1.0 else f", {height:g} m above the floor"
@@ -77,10 +77,10 @@ def _lasting(
     name: str,
     meaning: str,
     make: Callable[[Scene], PoseFault],
-    bounds: Bounds,
+    bounds: Criteria,
     *,
     victims: tuple[int, ...] = ONE,
-    special: Mapping[Phase, Bounds] | None = None,
+    special: Mapping[Phase, Criteria] | None = None,
     since_take_off: float | None = None,
 ) -> Fault:
     step = (0.0, poses(make, victims))
@@ -98,14 +98,14 @@ POSE_FAULTS = (
     _loss(15.0, _DOWN, height=2.0),
     _loss(15.0, _DOWN, height=3.0),
     # beyond the height for which 1 m/s is promised
-    _loss(15.0, Bounds(End.DOWN, impact=1.5, told=_POSE), height=5.0),
+    _loss(15.0, Criteria(End.DOWN, impact=1.5, told=_POSE), height=5.0),
     Fault(
         "poses_pause_take_off",
         "a take-off is accepted, and in the same moment the poses pause for 0.5 s",
         _for(0.5, _lost),
         _TOLD_AND_SURVIVED,
         # carried out, so that nothing need be told
-        {Phase.TAKE_OFF: Bounds(End.DONE, distance=0.5)},
+        {Phase.TAKE_OFF: Criteria(End.DONE, distance=0.5)},
         since_take_off=0.0,
     ),
     _lasting("poses_half", "50 % of the poses are lost", lambda s: faults.thinned(0.5, s.seed), _SURVIVED),
@@ -127,9 +127,9 @@ POSE_FAULTS = (
             bounds,
         )
         for late, bounds in (
-            (0.1, Bounds(End.DOWN, distance=0.5)),
-            (0.2, Bounds(End.DOWN, distance=0.5, told=_POSE)),
-            (0.3, Bounds(End.DOWN, told=_POSE)),
+            (0.1, Criteria(End.DOWN, distance=0.5)),
+            (0.2, Criteria(End.DOWN, distance=0.5, told=_POSE)),
+            (0.3, Criteria(End.DOWN, told=_POSE)),
         )
     ),
     _lasting("poses_noisy", "noise of 5 mm", lambda s: faults.noisy(0.005, s.seed), _SURVIVED),
@@ -148,7 +148,7 @@ POSE_FAULTS = (
         "second_source_near",
         "a second source, 5 cm off, is heard all the time",
         lambda _: faults.doubled((0.05, 0.0, 0.0), 1.0, 0.0),
-        Bounds(End.SAFE, distance=0.5),
+        Criteria(End.SAFE, distance=0.5),
     ),
     Fault(
         "position_nan_1s",
@@ -176,7 +176,7 @@ POSE_FAULTS = (
         "poses_repeated_1s",
         "the last pose again and again for 1 s, with fresh stamps",
         _for(1.0, lambda _: faults.repeated()),
-        Bounds(End.SAFE),
+        Criteria(End.SAFE),
     ),
     _lasting(
         "poses_repeated", "the last pose again and again, with fresh stamps", lambda _: faults.repeated(), _DOWN
@@ -201,9 +201,9 @@ POSE_FAULTS = (
         "poses_z_frozen_noisy",
         "z stays as it is but for noise of 0.5 mm, and there is a goal 1 m above",
         ((0.0, poses(lambda s: faults.frozen(2, s.seed, 5e-4))), (0.0, _rise)),
-        Bounds(End.DOWN, told=r"\bz stays within"),
+        Criteria(End.DOWN, told=r"\bz stays within"),
         # it hops, by a thrust that is not known yet, until it should have been seen to leave the ground
-        {Phase.TAKE_OFF: Bounds(End.DOWN, impact=1.5, distance=1.5, told="not seen to leave the ground")},
+        {Phase.TAKE_OFF: Criteria(End.DOWN, impact=1.5, distance=1.5, told="not seen to leave the ground")},
         since_take_off=EARLY,
         watched=26.0,
     ),
@@ -226,7 +226,7 @@ POSE_FAULTS = (
         "bodies_exchanged",
         "two drones have each other's poses",
         lambda _: faults.exchanged(0, 1),
-        Bounds(End.SAFE, told=r"pose|exchange|other|innovation|predict"),
+        Criteria(End.SAFE, told=r"pose|exchange|other|innovation|predict"),
         victims=(0, 1),
     ),
     *(
@@ -234,7 +234,7 @@ POSE_FAULTS = (
             f"bodies_exchanged{name}",
             f"two drones have each other's poses{meaning}",
             poses(lambda _: faults.exchanged(0, 1), (0, 1)),
-            Bounds(End.DOWN, told=r"exchange"),
+            Criteria(End.DOWN, told=r"exchange"),
             victims=(0, 1),
             fleet={"thrust_scale": scale},
         )
@@ -269,7 +269,7 @@ POSE_FAULTS = (
         "orientation_nan",
         "orientations are NaN for good",
         lambda _: faults.without_orientation(),
-        Bounds(End.SAFE, told=r"orientation|yaw"),
+        Criteria(End.SAFE, told=r"orientation|yaw"),
         special={Phase.TAKE_OFF: _NO_TAKE_OFF},
         since_take_off=EARLY,
     ),
@@ -277,7 +277,7 @@ POSE_FAULTS = (
         "yaw_assumed_90deg",
         "poses without orientation, yaw_source is assumed, and the drones are turned by 90 degrees",
         (),
-        Bounds(End.SAFE, told=r"yaw_source"),
+        Criteria(End.SAFE, told=r"yaw_source"),
         victims=ALL,
         fleet={
             "yaw": math.pi / 2.0,

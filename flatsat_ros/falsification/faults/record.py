@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.falsification.faults.criteria import RISEN, Outcome
+from flatsat_ros.falsification.faults.criteria import RISEN, DroneOutcome
 
 
 class Record:
@@ -77,14 +77,14 @@ class Record:
         nearest = apart.min(axis=1, initial=np.inf)
         self.separation = np.where(above > RISEN, np.minimum(self.separation, nearest), self.separation)
 
-    def outcome(self, drone: int, **end: Any) -> Outcome:
+    def outcome(self, drone: int, **end: Any) -> DroneOutcome:
         """Return what came of a drone's flight.
 
         Args:
             drone: its index.
-            end: how it is at the end, see `Outcome`.
+            end: how it is at the end, see `DroneOutcome`.
         """
-        return Outcome(
+        return DroneOutcome(
             met=bool(self.met[drone]),
             impact=float(self.impact[drone]),
             distance=float(self.distance[drone]),

@@ -17,7 +17,7 @@ from flatsat_ros.base.errors import one_line
 from flatsat_ros.base.files import located, read_text, write_text
 from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE
 from flatsat_ros.falsification.faults.accepted import is_accepted
-from flatsat_ros.falsification.faults.criteria import Outcome, Remark, broken
+from flatsat_ros.falsification.faults.criteria import DroneOutcome, Remark, broken
 from flatsat_ros.falsification.faults.fault import Fault
 from flatsat_ros.falsification.faults.phases import PLANS, STANDING, Phase
 from flatsat_ros.falsification.faults.scene import Scene
@@ -163,7 +163,7 @@ def row_of(
     name: str,
     phase: str,
     seed: int,
-    outcomes: Sequence[Outcome],
+    outcomes: Sequence[DroneOutcome],
     victims: Sequence[int],
     remarks: Iterable[Remark],
     problems: list[str],

@@ -15,7 +15,7 @@ from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, load_certif
 from flatsat_ros.crazyflie.fit import LINK_DELAY
 from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint, setpoint_from_command
-from flatsat_ros.falsification.faults.criteria import Outcome, Remark
+from flatsat_ros.falsification.faults.criteria import DroneOutcome, Remark
 from flatsat_ros.falsification.faults.record import Record
 from flatsat_ros.flight.modes import AIRBORNE, Mode
 from flatsat_ros.flight.pilot import Pilot
@@ -299,7 +299,7 @@ class Scene:
         """Tell whether the pilot asks a drone for thrust, be it that its firmware does not give it."""
         return self.pilot is not None and drone in self._sent and self._sent[drone].thrust > 0.0
 
-    def outcomes(self) -> list[Outcome]:
+    def outcomes(self) -> list[DroneOutcome]:
         """Return what came of each drone's flight so far."""
         bodies, power = self.fleet.bodies, self.fleet.power
         return [

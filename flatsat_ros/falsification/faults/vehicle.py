@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from flatsat_ros.crazyflie.wire import WireSetpoint
-from flatsat_ros.falsification.faults.criteria import Bounds, End
+from flatsat_ros.falsification.faults.criteria import Criteria, End
 from flatsat_ros.falsification.faults.fault import ALL, EARLY, ONE, Action, Fault, commands, end, from_the_start, poses
 from flatsat_ros.falsification.faults.phases import Phase
 from flatsat_ros.falsification.faults.scene import Scene
@@ -14,12 +14,12 @@ from flatsat_ros.sim import faults
 from flatsat_ros.sim.dynamics import Wind
 from flatsat_ros.sim.power import Battery
 
-_CLOSE = Bounds(End.DONE, distance=0.5)
-_HELD = Bounds(End.DONE, distance=0.5, arrival=0.03)
+_CLOSE = Criteria(End.DONE, distance=0.5)
+_HELD = Criteria(End.DONE, distance=0.5, arrival=0.03)
 # whoever stops the motors in the air lets the drone fall: only what follows can be judged
-_FALLS = Bounds(End.DOWN, impact=math.inf, told=r"climb|motors|fall|rise|emergency|lock|reboot|tumble")
+_FALLS = Criteria(End.DOWN, impact=math.inf, told=r"climb|motors|fall|rise|emergency|lock|reboot|tumble")
 # it may be down before the motors stop
-_DOWN_UNTOLD = Bounds(End.DOWN, impact=math.inf)
+_DOWN_UNTOLD = Criteria(End.DOWN, impact=math.inf)
 _BLOWN = r"wind|disturb|away|limit|tilt"
 _MARKERS = 0.029 / 0.032  # of the thrust for each kg: 3 g on a Crazyflie of 29 g
 
@@ -31,7 +31,7 @@ def _blow(wind: Wind) -> Action:
     return act
 
 
-def _wind(name: str, meaning: str, wind: Wind, bounds: Bounds, watched: float = 10.0) -> Fault:
+def _wind(name: str, meaning: str, wind: Wind, bounds: Criteria, watched: float = 10.0) -> Fault:
     return Fault(name, meaning, ((0.0, _blow(wind)),), bounds, victims=ALL, watched=watched)
 
 
@@ -55,9 +55,9 @@ def _blind(percent: int, height: float) -> Fault:
         f"no pose of one drone for 15 s, {height:g} m above the floor, with {abs(percent)} % of thrust "
         f"{'too much' if percent > 0 else 'missing'}",
         ((0.0, poses(lambda _: faults.lost)), (15.0, end)),
-        Bounds(End.DOWN, told=r"pose"),
+        Criteria(End.DOWN, told=r"pose"),
         # before the thrust has been learnt
-        {Phase.TAKE_OFF: Bounds(End.DOWN, impact=2.0, distance=0.1, told=r"pose")},
+        {Phase.TAKE_OFF: Criteria(End.DOWN, impact=2.0, distance=0.1, told=r"pose")},
         fleet={"thrust_scale": 1.0 + percent / 100.0},
         height=height,
         watched=3.0,
@@ -82,18 +82,18 @@ def _unlock(scene: Scene) -> None:
 
 
 VEHICLE_FAULTS = (
-    _wind("wind_2", "wind of 2 m/s", Wind(mean=(2.0, 0.0, 0.0)), Bounds(End.DONE, distance=0.5, arrival=0.25)),
+    _wind("wind_2", "wind of 2 m/s", Wind(mean=(2.0, 0.0, 0.0)), Criteria(End.DONE, distance=0.5, arrival=0.25)),
     # tilted by 10 degrees the drone holds against 3.8 m/s
-    _wind("wind_4", "wind of 4 m/s", Wind(mean=(4.0, 0.0, 0.0)), Bounds(End.SAFE, told=_BLOWN), watched=15.0),
+    _wind("wind_4", "wind of 4 m/s", Wind(mean=(4.0, 0.0, 0.0)), Criteria(End.SAFE, told=_BLOWN), watched=15.0),
     _wind(
         "wind_6",
         "wind of 6 m/s: more than the tilt can hold against",
         Wind(mean=(6.0, 0.0, 0.0)),
         # for the 4 s of noticing and landing it is blown away with 1 m/s^2, which drag limits to 2.2 m/s
-        Bounds(End.DOWN, impact=2.5, distance=8.0, told=_BLOWN),
+        Criteria(End.DOWN, impact=2.5, distance=8.0, told=_BLOWN),
     ),
     _wind("gusts_1", "gusts of 1 m/s", Wind(gust=1.0), _CLOSE),
-    _wind("gusts_2", "gusts of 2 m/s", Wind(gust=2.0), Bounds(End.SAFE)),
+    _wind("gusts_2", "gusts of 2 m/s", Wind(gust=2.0), Criteria(End.SAFE)),
     *(_thrust(percent) for percent in (-20, -10, 10, 20)),
     *(_thrust(percent, 0.5) for percent in (-20, -12, 20)),
     Fault(
@@ -109,7 +109,7 @@ VEHICLE_FAULTS = (
         "battery_sagging",
         "the battery empties in flight: low after 8 s, off 14 s later",
         (),
-        Bounds(End.DOWN, told=r"battery"),
+        Criteria(End.DOWN, told=r"battery"),
         victims=ALL,
         fleet={"battery": Battery(voltage=3.55, sag=0.2, drain=0.04)},
         watched=20.0,
@@ -118,7 +118,7 @@ VEHICLE_FAULTS = (
         "battery_empty",
         "the battery is empty from the beginning",
         (),
-        Bounds(End.GROUNDED, told=r"battery"),
+        Criteria(End.GROUNDED, told=r"battery"),
         victims=ALL,
         fleet={"battery": Battery(voltage=3.05, sag=0.2)},
         since_take_off=EARLY,
@@ -135,7 +135,7 @@ VEHICLE_FAULTS = (
         "emergency_early",
         "the drone was stopped before the flight and not rebooted",
         (),
-        Bounds(End.GROUNDED, told=r"climb|motors|emergency|lock|reboot"),
+        Criteria(End.GROUNDED, told=r"climb|motors|emergency|lock|reboot"),
         fleet={"stopped": ONE},
         since_take_off=EARLY,
     ),
@@ -160,7 +160,7 @@ VEHICLE_FAULTS = (
         "commands_lost_1s",
         "no command arrives for 1 s",
         ((0.0, commands(lambda s: faults.commands_lost(1.0, s.seed, 0))), (1.0, end)),
-        Bounds(End.DONE),
+        Criteria(End.DONE),
     ),
     Fault(
         "commands_lost_5s",
@@ -180,8 +180,8 @@ VEHICLE_FAULTS = (
         for late, bounds in (
             (0.1, _CLOSE),
             # more than certified: the drone sways, but near its place
-            (0.2, Bounds(End.SAFE, distance=0.25, speed=1.0)),
-            (0.3, Bounds(End.SAFE)),
+            (0.2, Criteria(End.SAFE, distance=0.25, speed=1.0)),
+            (0.3, Criteria(End.SAFE)),
         )
     ),
     *(
@@ -189,7 +189,7 @@ VEHICLE_FAULTS = (
             f"commands_late_{late:g}s",
             f"commands arrive {late:g} s late",
             commands(lambda _, late=late: faults.commands_delayed(late, *ALL)),  # type: ignore[misc]
-            Bounds(End.DOWN, distance=distance),
+            Criteria(End.DOWN, distance=distance),
         )
         for late, distance in ((0.1, 0.5), (0.2, 0.5), (0.3, 1.0))
     ),
@@ -197,7 +197,7 @@ VEHICLE_FAULTS = (
         "pitch_negated",
         "the pitch has the sign of the other back end",
         ((0.0, commands(lambda _: faults.pitch_negated(0))),),
-        Bounds(End.SAFE, told=r"pitch|axis|sign|command|innovation|predict|yaw"),
+        Criteria(End.SAFE, told=r"pitch|axis|sign|command|innovation|predict|yaw"),
         since_take_off=EARLY,
     ),
 )  # fmt: skip

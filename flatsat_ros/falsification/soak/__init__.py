@@ -4,7 +4,7 @@ processes -> samples (usage) -> what grew, and what is left behind (verdict)
 """
 
 from flatsat_ros.falsification.soak.flight import fly
-from flatsat_ros.falsification.soak.usage import Sample, sample
+from flatsat_ros.falsification.soak.usage import ProcessUsage, sample
 from flatsat_ros.falsification.soak.verdict import Soak, summary
 
-__all__ = ["Sample", "Soak", "fly", "sample", "summary"]
+__all__ = ["ProcessUsage", "Soak", "fly", "sample", "summary"]

@@ -57,7 +57,7 @@ def fly(drones: int, seconds: float, folder: Path, tell: Callable[[str], None]) 
         try:
             for name, command in _commands(robots).items():
                 nodes[name] = start(command, folder / f"{name}.log")
-            flight = Flight(lab, nodes, soak, tell)
+            flight = SoakFlight(lab, nodes, soak, tell)
             flight.wait_for_nodes()
             flight.perform(seconds)
         finally:
@@ -89,7 +89,7 @@ def _commands(robots: list[str]) -> dict[str, list[str]]:
     }
 
 
-class Flight(Live):
+class SoakFlight(Live):
     """Drones that take off, fly to and fro and land, until the time is over, and what their processes use."""
 
     def __init__(

@@ -11,7 +11,7 @@ MIB = 1024.0 * 1024.0
 SHARED = "/dev/shm/"
 
 
-class Sample(NamedTuple):
+class ProcessUsage(NamedTuple):
     """What a process uses at one moment.
 
     Attributes:
@@ -29,7 +29,7 @@ class Sample(NamedTuple):
     shared: dict[str, int]
 
 
-def sample(pid: int, time: float) -> Sample:
+def sample(pid: int, time: float) -> ProcessUsage:
     """Return what a process uses now.
 
     Args:
@@ -49,7 +49,7 @@ def sample(pid: int, time: float) -> Sample:
         raise FlatsatError(f"process {pid}: {error.strerror}") from error
     if "VmRSS" not in status:  # it has ended, and nobody has asked for its exit code
         raise FlatsatError(f"process {pid} has ended")
-    return Sample(
+    return ProcessUsage(
         time,
         1024.0 * float(status["VmRSS"].split()[0]) / MIB,  # kB in the file are KiB
         descriptors,

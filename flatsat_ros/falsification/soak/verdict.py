@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from flatsat_ros.falsification.soak.usage import MIB, Sample
+from flatsat_ros.falsification.soak.usage import MIB, ProcessUsage
 
 # MiB, that a process may grow by in the second half, along the regression line: what the allocators of Python and C
 # keep of a moment's garbage is less; a hundred bytes kept at every tick are 9 MiB in half an hour
@@ -33,7 +33,7 @@ class Soak:
 
     drones: int
     period: float
-    samples: dict[str, list[Sample]] = field(default_factory=dict)
+    samples: dict[str, list[ProcessUsage]] = field(default_factory=dict)
     ticks: int = 0
     watched: float = 0.0
     flights: int = 0
@@ -47,7 +47,7 @@ class Soak:
         return max(0, round(self.watched / self.period) + 1 - self.ticks)
 
 
-def growth(samples: Sequence[Sample]) -> tuple[float, float]:
+def memory_growth(samples: Sequence[ProcessUsage]) -> tuple[float, float]:
     """Return the growth of memory by regression over the second half: MiB in that half, and MiB per hour.
 
     Args:
@@ -67,7 +67,7 @@ def verdict(soak: Soak) -> list[str]:
         if len(samples) < 4:
             found.append(f"{name} was looked at {len(samples)} times: too short a time for a verdict")
             continue
-        grown, _ = growth(samples)
+        grown, _ = memory_growth(samples)
         if not grown <= GROWTH_MAX:
             found.append(f"{name} grew by {grown:.1f} MiB in the second half: at most {GROWTH_MAX:g} MiB are allowed")
         for what, before, after in _peaks(samples):
@@ -115,9 +115,9 @@ def lines(figures: Mapping[str, object]) -> list[str]:
     return text
 
 
-def _figures(samples: Sequence[Sample]) -> dict[str, object]:
+def _figures(samples: Sequence[ProcessUsage]) -> dict[str, object]:
     """Return what one process used first and last, and how its memory grew."""
-    grown, hourly = growth(samples)
+    grown, hourly = memory_growth(samples)
     ends = samples[0], samples[-1]
     return {
         "memory_mib": [round(end.memory, 1) for end in ends],
@@ -129,15 +129,15 @@ def _figures(samples: Sequence[Sample]) -> dict[str, object]:
     }
 
 
-def _second_half(samples: Sequence[Sample]) -> Sequence[Sample]:
+def _second_half(samples: Sequence[ProcessUsage]) -> Sequence[ProcessUsage]:
     return samples[len(samples) // 2 :]
 
 
-def _peaks(samples: Sequence[Sample]) -> list[tuple[str, int, int]]:
+def _peaks(samples: Sequence[ProcessUsage]) -> list[tuple[str, int, int]]:
     """Return, for what must not grow at all, its name and the most of it in the first half and in the second."""
     first, second = samples[: len(samples) // 2], _second_half(samples)
 
-    def peaks(what: str, of: Callable[[Sample], int]) -> tuple[str, int, int]:
+    def peaks(what: str, of: Callable[[ProcessUsage], int]) -> tuple[str, int, int]:
         return what, max(map(of, first)), max(map(of, second))
 
     return [

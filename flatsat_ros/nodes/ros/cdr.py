@@ -46,7 +46,7 @@ _POINT = (
 )  # fmt: skip
 
 
-class Pose(NamedTuple):
+class StampedPose(NamedTuple):
     """One PoseStamped.
 
     Attributes:
@@ -60,7 +60,7 @@ class Pose(NamedTuple):
     quaternion: tuple[float, ...]
 
 
-def pose_from_cdr(data: bytes) -> Pose:
+def pose_from_cdr(data: bytes) -> StampedPose:
     """Read a serialised PoseStamped, whatever its numbers are.
 
     Raises:
@@ -73,7 +73,7 @@ def pose_from_cdr(data: bytes) -> Pose:
         values = struct.unpack_from(order + "7d", data, offset)
     except struct.error as error:
         raise FlatsatError(f"{len(data)} bytes are not a serialised PoseStamped: {error}") from error
-    return Pose(sec * NANOSECONDS + nanosec, values[:3], values[3:])
+    return StampedPose(sec * NANOSECONDS + nanosec, values[:3], values[3:])
 
 
 def message_from_cdr(data: bytes, kind: type[M]) -> M:

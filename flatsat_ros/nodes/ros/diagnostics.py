@@ -22,7 +22,7 @@ class Level(Enum):
     ERROR = DiagnosticStatus.ERROR
 
 
-class Report(NamedTuple):
+class RobotCondition(NamedTuple):
     """What is said of one robot.
 
     Attributes:
@@ -43,7 +43,7 @@ class Report(NamedTuple):
 class Diagnostics:
     """Publishes a node's reports once every PERIOD, in one message."""
 
-    def __init__(self, node: Node, collect: Callable[[int], Sequence[Report]]) -> None:
+    def __init__(self, node: Node, collect: Callable[[int], Sequence[RobotCondition]]) -> None:
         """Start the timer.
 
         Args:

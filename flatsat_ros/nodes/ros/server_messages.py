@@ -18,7 +18,7 @@ from nav_msgs.msg import Odometry
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.constants import NANOSECONDS
 from flatsat_ros.nodes.ros import messages
-from flatsat_ros.sim.position_controller import Mode, PositionSetpoint
+from flatsat_ros.sim.position_controller import PositionSetpoint, SetpointMode
 from flatsat_ros.sim.trajectories import Piece
 
 _STILL = (0.0, 0.0, 0.0)
@@ -80,7 +80,7 @@ def full_state_from_message(message: Any) -> PositionSetpoint:
     """
     q = message.pose.orientation
     yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
-    return PositionSetpoint.of(Mode.FULL_STATE, _vector(message.pose.position), _STILL, yaw)
+    return PositionSetpoint.of(SetpointMode.FULL_STATE, _vector(message.pose.position), _STILL, yaw)
 
 
 def position_from_message(message: Any) -> PositionSetpoint:
@@ -89,7 +89,7 @@ def position_from_message(message: Any) -> PositionSetpoint:
     Raises:
         FlatsatError: a value is not finite.
     """
-    return PositionSetpoint.of(Mode.POSITION, _vector(message), _STILL, math.radians(message.yaw))
+    return PositionSetpoint.of(SetpointMode.POSITION, _vector(message), _STILL, math.radians(message.yaw))
 
 
 def velocity_from_message(message: Any) -> PositionSetpoint:
@@ -98,7 +98,7 @@ def velocity_from_message(message: Any) -> PositionSetpoint:
     Raises:
         FlatsatError: a value is not finite.
     """
-    return PositionSetpoint.of(Mode.VELOCITY, _STILL, _vector(message.vel), math.radians(message.yaw_rate))
+    return PositionSetpoint.of(SetpointMode.VELOCITY, _STILL, _vector(message.vel), math.radians(message.yaw_rate))
 
 
 def hover_from_message(message: Any) -> PositionSetpoint:
@@ -108,7 +108,7 @@ def hover_from_message(message: Any) -> PositionSetpoint:
         FlatsatError: a value is not finite.
     """
     velocity, place = (message.vx, message.vy, 0.0), (0.0, 0.0, message.z_distance)
-    return PositionSetpoint.of(Mode.HOVER, place, velocity, message.yaw_rate)
+    return PositionSetpoint.of(SetpointMode.HOVER, place, velocity, message.yaw_rate)
 
 
 def status_message(kind: type[Any], nanoseconds: int, robot: str, voltage: float, info: int, low: bool) -> Any:

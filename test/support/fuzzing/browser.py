@@ -14,7 +14,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 from flatsat_ros.base.errors import FlatsatError
-from flatsat_ros.viewing.server import ADDRESS, Stream, _Handler
+from flatsat_ros.viewing.server import ADDRESS, Broadcast, _Handler
 from fuzzing.damage import corrupted
 from fuzzing.kind import Attempt, Kind
 
@@ -76,7 +76,7 @@ class _Connection:
         pass
 
 
-class _Ended(Stream):
+class _Ended(Broadcast):
     """A stream that ends after its first news."""
 
     def wait(self, seen: int) -> tuple[int, bytes] | None:
