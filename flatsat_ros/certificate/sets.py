@@ -65,6 +65,15 @@ def _all_inside(shape: tuple[int, ...]) -> tuple[np.ndarray, FloatArray, np.ndar
     return place, kappa, guaranteed
 
 
+def _bounded(
+    lateral: FloatArray, upright: FloatArray, total: FloatArray, finite: np.ndarray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return V_h, V_v and their sum, (...); 0, 0 and infinity where they are not finite."""
+    if all_of(finite):
+        return lateral, upright, total
+    return np.where(finite, lateral, 0.0), np.where(finite, upright, 0.0), np.where(finite, total, np.inf)
+
+
 @dataclass(frozen=True, eq=False)
 class Sets:
     """The certified sets of one loop.
@@ -141,10 +150,12 @@ class Sets:
         Args:
             state: (N, 6) or (N, 3 n) errors, see `levels`; a row that is not finite is outside.
         """
-        lateral, upright, total = self._finite_levels(state)
+        lateral, upright = self.levels(state)
+        total = lateral + upright
         if all_of(total <= self.level):  # E lies in D: nothing more to compute
             return Membership(total / self.level, *_all_inside(total.shape))
         finite = np.isfinite(total)
+        lateral, upright, total = _bounded(lateral, upright, total, finite)
         scale = self._scale(lateral, upright)
         lifted = self._scale(np.maximum(lateral, self.floor), np.maximum(upright, self.floor)) if self.floor else scale
         ellipsoid, larger = total <= self.level, scale <= 1.0
@@ -159,19 +170,13 @@ class Sets:
 
     def level_and_kappa(self, state: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return level and kappa of N states, (N,) each, as `classify` does, without asking for the guarantee."""
-        lateral, upright, total = self._finite_levels(state)
-        if all_of(total <= self.level):
-            return total / self.level, _all_inside(total.shape)[1]
-        return total / self.level, np.isfinite(total) / np.maximum(self._scale(lateral, upright), 1.0)
-
-    def _finite_levels(self, state: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return V_h, V_v and their sum, (...); 0, 0 and infinity for a state that is not finite."""
         lateral, upright = self.levels(state)
         total = lateral + upright
+        if all_of(total <= self.level):
+            return total / self.level, _all_inside(total.shape)[1]
         finite = np.isfinite(total)
-        if all_of(finite):
-            return lateral, upright, total
-        return np.where(finite, lateral, 0.0), np.where(finite, upright, 0.0), np.where(finite, total, np.inf)
+        lateral, upright, total = _bounded(lateral, upright, total, finite)
+        return total / self.level, finite / np.maximum(self._scale(lateral, upright), 1.0)
 
     def _density(self) -> float:
         """Return det(P_h) sqrt(det(P_v)), the root of the determinant of P; of the slice of hover with lag or delay."""

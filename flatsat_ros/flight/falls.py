@@ -56,22 +56,29 @@ class FallDetector:
         self._past.append((upward, stamps, height))
 
     def fell(
-        self, now: float, state: FloatArray, disturbance: FloatArray, upward: FloatArray, height: FloatArray
+        self,
+        now: float,
+        state: FloatArray,
+        disturbance: FloatArray,
+        upward: FloatArray,
+        height: FloatArray,
+        judged: np.ndarray,
     ) -> np.ndarray:
-        """Tell who fell, (N,), of drones that have left the ground and are steered.
+        """Tell who fell, (N,).
 
         Args:
             now: s.
             state: (N, 6) position, m, and velocity, m/s.
             disturbance: (N,) estimated vertical disturbance, m/s^2.
             upward: (N,) vertical acceleration that was commanded at the last tick, m/s^2.
-            height: (N,) above the ground on which each stood last, m; infinite for those that are not judged.
+            height: (N,) above the ground on which each stood last, m.
+            judged: (N,) who has left the ground and is steered.
         """
-        sinking, low = state[:, 5] < -_FALLING_SPEED, np.abs(height) < _NEAR_GROUND
+        sinking, low = judged & (state[:, 5] < -_FALLING_SPEED), judged & (np.abs(height) < _NEAR_GROUND)
         if not (any_of(sinking) or any_of(low)):
             self._since[:] = np.inf
             return sinking
-        falling = sinking & np.isfinite(height) & (disturbance < -_FALLING_DISTURBANCE)
+        falling = sinking & (disturbance < -_FALLING_DISTURBANCE)
         for index in map(int, np.flatnonzero(falling)):
             falling[index] = self._drops(index)
         lying = low & (upward > _UPWARD)

@@ -10,7 +10,7 @@ from flatsat_ros.base.arrays import FloatArray, all_of, any_of
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.sets import Place
 
-_ELLIPSOID, _OUTSIDE = Place.ELLIPSOID.value, Place.OUTSIDE.value
+_PLACES = np.array([Place.OUTSIDE.value, Place.ELLIPSOID.value])  # by whether a state is inside the ellipsoid
 
 
 class Assessment(NamedTuple):
@@ -62,11 +62,11 @@ class GuaranteeMonitor:
         if not any_of(fixed):
             level, kappa = self._sets.level_and_kappa(state)
             relative = level / shrunk
-            return Assessment(relative, np.where(relative <= 1.0, _ELLIPSOID, _OUTSIDE), kappa, fixed)
+            return Assessment(relative, _PLACES.take(relative <= 1.0), kappa, fixed)
         membership = self._sets.classify(state)
         relative, place = membership.level / shrunk, membership.place
         if not all_of(fixed):
-            place = np.where(fixed, place, np.where(relative <= 1.0, _ELLIPSOID, _OUTSIDE))
+            place = np.where(fixed, place, _PLACES.take(relative <= 1.0))
         return Assessment(relative, place, membership.kappa, membership.guaranteed & fixed)
 
     def follow(self, command: FloatArray) -> None:

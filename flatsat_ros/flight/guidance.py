@@ -80,8 +80,8 @@ class Guidance:
         self._path_limits = self._widest if flight is None else PathLimits.assumed(limits, speed, flight)
         self._box = box
         # what is below the floor stands on something
-        self._lowest = np.array([*box.low[:2] - _TOLERATED, -math.inf])
-        self._highest = box.high + _TOLERATED
+        self._lowest = np.tile([*box.low[:2] - _TOLERATED, -math.inf], (count, 1))
+        self._highest = np.tile(box.high + _TOLERATED, (count, 1))
         self._goals: list[FloatArray | None] = [None] * count  # of those that follow paths; NaN where they brake
         self._waiting = np.zeros(count, dtype=bool)  # the horizontal part stands still
 
@@ -241,9 +241,9 @@ class Guidance:
         Args:
             state: (N, 6) m, m/s.
         """
-        place = state[:, :3]
+        place = state[:, :3].copy()  # faster than a view
         low, high = place < self._lowest, place > self._highest
-        if not any_of(low | high):
+        if not (any_of(low) or any_of(high)):
             return []
         found = []
         for index, axis in np.argwhere((low | high) & ~self.landing[:, np.newaxis]):

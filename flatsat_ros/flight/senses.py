@@ -132,7 +132,7 @@ class Senses:
             guidance: who lands, and the ground below each.
         """
         if self._sight is not None and not self.due:
-            return self._sight._replace(height=estimated[:, 2], usable=usable)
+            return Sight(estimated[:, 2], usable, *self._sight[2:])
         state, disturbance = estimated[:, :6], estimated[:, 6:]
         upward = self._acceleration[:, 2]
         flying = steered & usable
@@ -141,10 +141,10 @@ class Senses:
         self._judge_lift_off(state)
         standing = self._lift_off.standing
         self.grounded = self._unlocked & standing
-        height = np.where(flying & ~standing, state[:, 2] - guidance.ground, np.inf)
+        height = state[:, 2] - guidance.ground
 
         def aloft() -> np.ndarray:
-            high = usable & (state[:, 2] - guidance.ground > _NEAR_GROUND)
+            high = usable & (height > _NEAR_GROUND)
             return np.asarray(high[self._exchange.name] & ~self._misled)
 
         self._sight = Sight(
@@ -152,7 +152,7 @@ class Senses:
             usable=usable,
             touched_down=self._touch_down.carried(now, state[:, 2], upward, self._above, flying & guidance.landing),
             held=self._held,
-            fell=self._fall.fell(now, state, disturbance[:, 2], upward, height),
+            fell=self._fall.fell(now, state, disturbance[:, 2], upward, height, flying & ~standing),
             astray=self._gone_astray,
             descended=self.descent.over(now, aloft, self._stands),
             grounded=self.grounded,
@@ -165,7 +165,7 @@ class Senses:
 
     def _judge_lift_off(self, state: FloatArray) -> None:
         """Take those for astray that leave the ground another way than upward; state is (N, 6), m, m/s."""
-        if not any_of(self._lift_off.slid | self._lift_off.sunk):
+        if not (any_of(self._lift_off.slid) or any_of(self._lift_off.sunk)):
             return
         slid = self._lift_off.slid & self._unlocked
         # one that was unlocked in somebody's hand may well sink
@@ -231,26 +231,26 @@ class Senses:
         if any_of(standing):
             low = self._lift_off.above(estimated) < _LIFTING_RISE
             lifting = flying & standing & (acceleration[:, 2] >= _LIFTING) & low
-        watched = free & ~landing
-        if self._gaps.any:
-            watched &= self._gaps.passed()
+        steered = free & ~landing
+        watched = steered & self._gaps.passed() if self._gaps.any else steered
         self._judge_still(estimated, error[:, 2], watched)
         new = self._gaps.look(newest)
         certain = np.abs(self._unmoved.way) < DOUBTFUL
-        learning = flying & ~(standing & self._unlocked) & (high | ~landing) & certain
+        lifted = flying & ~self.grounded
+        learning = lifted & (high | ~landing) & certain
         span: float | FloatArray = self._period
         # what is learnt quickly is not learnt again from a disturbance that no new pose has confirmed
         if self.thrust.quick:
             span = self._period * new
         self.thrust.learn(acceleration[:, 2] + self._gravity, disturbance[:, 2], learning, lifting, span, doubted)
         # of one that was taken over and stands on something nothing comes; it is judged once it was seen to move
-        judged = (flying & ~self.grounded) | self.braking.active
+        judged = lifted | self.braking.active
         seen = None if newest is None or measured is None else (newest, measured)
         if seen is not None:
             stamps, height = seen[0].copy(), seen[1][:, 2].copy()
             self._fall.note(acceleration[:, 2], stamps, height)
             upward, low = disturbance[:, 2], flying & ~free
-            for index in self._exchange.look(self._push[:, 2], stamps, height, upward, free & ~landing, low):
+            for index in self._exchange.look(self._push[:, 2], stamps, height, upward, steered, low):
                 self._reports.append((index, _EXCHANGED))
                 self._gone_astray[index] = True
         velocity, told = estimated[:, 3:5], self._gone_astray

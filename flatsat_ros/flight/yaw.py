@@ -33,7 +33,9 @@ class YawControl:
             kept: (N,) who keeps the heading of the last tick, because nothing is known of its yaw; those neither
                 steered nor kept have the heading that was measured.
         """
-        lead = np.minimum(np.maximum(_wrapped(wanted - yaw), -_LEAD_MAX), _LEAD_MAX)
+        lead = wanted - yaw
+        if any_of(np.abs(lead) > _LEAD_MAX):
+            lead = np.minimum(np.maximum(_wrapped(lead), -_LEAD_MAX), _LEAD_MAX)
         rate, heading = _GAIN * lead, _wrapped(yaw + lead)
         if all_of(steered):
             self.heading = heading

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flatsat_ros.base.arrays import FloatArray, any_of, finite_array
+from flatsat_ros.base.arrays import FloatArray, all_of, any_of, finite_array
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.base.errors import (
     LARGEST,
@@ -201,14 +201,14 @@ class InputSet:
         To be called where numpy does not warn of divisions.
         """
         half_width = self._half_width
-        if np.maximum.reduce(np.abs(base), axis=None, initial=0.0) > half_width:
+        if any_of(np.abs(base) > half_width):
             return np.minimum(most, self.exit_factor_of_finite(base, v))
         way = most[..., np.newaxis] * v
         end = base + way
-        size = np.maximum.reduce(np.abs(end), axis=None, initial=0.0)
-        if size <= half_width:
+        size = np.abs(end)
+        if all_of(size <= half_width):
             return most
-        if not size <= LARGEST:
+        if not all_of(size <= LARGEST):
             return np.minimum(most, self.exit_factor_of_finite(base, v))
         # V_c is convex: a limit that both ends keep is kept between them
         radius, up = np.hypot(end[..., 0], end[..., 1]), end[..., 2] + self.gravity
@@ -227,8 +227,9 @@ class InputSet:
             v: (..., 3), its squares neither over- nor underflow.
             limits: which.
         """
-        p1, p2, up = base[..., 0], base[..., 1], base[..., 2] + self.gravity
-        v1, v2, v3 = v[..., 0], v[..., 1], v[..., 2]
+        # copies: numpy computes faster with few entries that lie together
+        p1, p2, up = base[..., 0].copy(), base[..., 1].copy(), base[..., 2] + self.gravity
+        v1, v2, v3 = v[..., 0].copy(), v[..., 1].copy(), v[..., 2].copy()
         radius = np.hypot(p1, p2)
         horizontal = v1 * v1 + v2 * v2
         along = p1 * v1 + p2 * v2

@@ -22,6 +22,7 @@ from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.sensor import MotionCapture
 
 LOOK, STEPS = 0.05, 10  # s between two looks, and steps of integration in one
+JUDGED = np.ones(1, dtype=bool)
 GRAVITY = 9.81
 # upward accelerations that are commanded in turn, m/s^2, and for how long each, s
 COMMANDS = st.lists(st.tuples(st.floats(-5.5, 4.5), st.floats(0.1, 0.8)), min_size=2, max_size=6)
@@ -51,7 +52,7 @@ def found_falling(
             thrust = ratio * (pushes[max(0, int((time - delay) / LOOK))] + GRAVITY) + gust
             state[0, 2] += LOOK / STEPS * state[0, 5]
             state[0, 5] += LOOK / STEPS * ((thrust if time < falls_after else 0.0) - GRAVITY)
-        if detector.fell((n + 1) * LOOK, state, np.array([-9.0]), np.array([push]), state[:, 2])[0]:
+        if detector.fell((n + 1) * LOOK, state, np.array([-9.0]), np.array([push]), state[:, 2], JUDGED)[0]:
             return (n + 1) * LOOK
     return np.inf
 
@@ -94,9 +95,9 @@ def test_who_is_not_seen_is_not_told_to_fall_and_neither_is_who_was_seen_before_
         detector = FallDetector(1, LOOK)
         for stamp, z in zip(stamps, (9.1, 9.05, 8.9), strict=True):
             detector.note(np.zeros(1), np.array([stamp]), np.array([z]))
-        assert detector.fell(0.2, state, push, np.zeros(1), np.full(1, 9.0))[0] == falls
+        assert detector.fell(0.2, state, push, np.zeros(1), np.full(1, 9.0), JUDGED)[0] == falls
         detector.set_clock_back(0.0)
-        assert not detector.fell(0.2, state, push, np.zeros(1), np.full(1, 9.0))[0]
+        assert not detector.fell(0.2, state, push, np.zeros(1), np.full(1, 9.0), JUDGED)[0]
 
 
 @pytest.mark.parametrize(("late", "thrust", "gust"), [(0.2, 1.0, 0.0), (0.2, 0.85, 1.0), (0.3, 1.15, 0.0)])
