@@ -1,8 +1,8 @@
 """YAML, strictly: what a file says is taken as it stands, or refused in one line that names the file.
 
 It is YAML 1.1 without its traps: every key once, and text; numbers decimal (not octal, hexadecimal, underscored or
-sexagesimal); integers of 64 bits; numbers with a point that neither overflow nor vanish; no tags; all of it bounded,
-also when aliases are expanded.
+sexagesimal); integers of 64 bits; numbers with a point that neither overflow nor vanish or lose digits, as those below
+2.3e-308 do; no tags; all of it bounded, also when aliases are expanded.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import os
 import re
+import sys
 from typing import Any
 
 import yaml
@@ -136,9 +137,9 @@ class _Loader(yaml.SafeLoader):
 
     def construct_decimal(self, node: yaml.ScalarNode) -> float:
         value = float(node.value)
-        vanished = value == 0.0 and re.search("[1-9]", re.split("[eE]", node.value)[0])
-        if vanished or math.isinf(value):
-            raise _refusal(f"number {quoted(node.value)}: must be 0, or from 4.9e-324 to 1.7e+308", node)
+        is_zero = not re.search("[1-9]", re.split("[eE]", node.value)[0])
+        if not (is_zero or sys.float_info.min <= abs(value) < math.inf):
+            raise _refusal(f"number {quoted(node.value)}: must be 0, or from 2.3e-308 to 1.7e+308", node)
         return value
 
     def construct_not_finite(self, node: yaml.ScalarNode) -> float:

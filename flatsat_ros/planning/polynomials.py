@@ -15,7 +15,7 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError, refusal, require
-from flatsat_ros.base.files import read_text, unreadable
+from flatsat_ros.base.files import located, read_text
 from flatsat_ros.base.numerals import number_of
 from flatsat_ros.plans import Curve
 from flatsat_ros.plans.curve import AT_REST
@@ -38,9 +38,22 @@ def read_polynomials(path: str | os.PathLike[str]) -> tuple[Curve, float]:
 
     Raises:
         FlatsatError: the file cannot be read or is not of its form, the yaw changes, or the pieces are not at rest at
-            both ends or not continuous up to the jerk.
+            both ends or not continuous up to the jerk; the text begins with the path.
     """
-    durations, coefficients = _read(path)
+    text = read_text(path, _BYTES_MAX)
+    try:
+        return _reference(*_pieces(text))
+    except (FlatsatError, csv.Error) as error:
+        raise located(path, error) from error
+
+
+def is_polynomials(first_line: str) -> bool:
+    """Tell such a file from its first line."""
+    return first_line.strip().lower().startswith("duration")
+
+
+def _reference(durations: FloatArray, coefficients: FloatArray) -> tuple[Curve, float]:
+    """Return the reference nearest to pieces of durations (M,), s, and coefficients (M, 8, 4), and its yaw, rad."""
     yaw = coefficients[:, :, 3]
     if np.abs(yaw[:, 1:]).max() > _TURNED or np.ptp(yaw[:, 0]) > _TURNED:
         raise FlatsatError("yaw of the polynomials changes: must be constant, a reference holds one yaw")
@@ -52,19 +65,11 @@ def read_polynomials(path: str | os.PathLike[str]) -> tuple[Curve, float]:
     return curve, float(yaw[0, 0])
 
 
-def is_polynomials(first_line: str) -> bool:
-    """Tell such a file from its first line."""
-    return first_line.strip().lower().startswith("duration")
-
-
-def _read(path: str | os.PathLike[str]) -> tuple[FloatArray, FloatArray]:
-    """Return durations (M,), s, and coefficients (M, 8, 4) of x, y, z, yaw."""
-    try:
-        rows = list(csv.reader(io.StringIO(read_text(path, _BYTES_MAX))))
-    except csv.Error as error:
-        raise unreadable(path, error) from error
+def _pieces(text: str) -> tuple[FloatArray, FloatArray]:
+    """Return durations (M,), s, and coefficients (M, 8, 4) of x, y, z, yaw from a file's text."""
+    rows = list(csv.reader(io.StringIO(text)))
     rows = [row[:-1] if row and not row[-1].strip() else row for row in rows if row]  # a comma ends some lines
-    names = [cell.strip().lower() for cell in rows[0]]
+    names = [cell.strip().lower() for cell in rows[0]] if rows else []
     if tuple(names) != _COLUMNS:
         raise refusal("first line", ",".join(names), "", "duration,x^0,...,x^7,y^0,...,z^0,...,yaw^0,...,yaw^7")
     require(1 <= len(rows) - 1 <= _PIECES_MAX, "number of pieces", len(rows) - 1, "", f"from 1 to {_PIECES_MAX}")

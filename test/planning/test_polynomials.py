@@ -120,3 +120,20 @@ def test_what_is_no_smooth_reference_is_refused(tmp_path: Path, change: tuple[in
     rows[change[0], change[1]] += change[2]
     with pytest.raises(FlatsatError, match=text):
         read_mission(written(tmp_path / "a.csv", rows), CERTIFICATE, Wishes(), "a")
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "first line = '': must be duration,"),
+        ("\n\n", "first line = '': must be duration,"),
+        ("x,y", "first line = 'x,y'"),
+    ],
+)
+def test_a_file_that_a_mission_names_is_named_in_its_refusal(tmp_path: Path, text: str, reason: str) -> None:
+    (named := tmp_path / "poly.csv").write_text(text)
+    (mission := tmp_path / "two.yaml").write_text("drones: {cf1: poly.csv}\n")
+    with pytest.raises(FlatsatError, match=f"{named}: {reason}"):
+        read_polynomials(named)
+    with pytest.raises(FlatsatError, match=f"{mission}: {named}: {reason}"):
+        read_mission(mission, CERTIFICATE, Wishes(), "two")
