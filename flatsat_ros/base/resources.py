@@ -5,11 +5,12 @@ No ROS is involved, so that it works before anything is sourced.
 
 from __future__ import annotations
 
+import difflib
 import os
 from pathlib import Path
 
 from flatsat_ros.base.errors import FlatsatError, quoted
-from flatsat_ros.base.files import shown, user_path
+from flatsat_ros.base.files import check_regular, user_path
 
 
 def config_path(name_or_path: str | os.PathLike[str], folder: str = "") -> Path:
@@ -24,20 +25,29 @@ def config_path(name_or_path: str | os.PathLike[str], folder: str = "") -> Path:
         The path of a file that exists.
 
     Raises:
-        FlatsatError: there is no such file, or nobody has that home folder; the text lists the names that exist.
+        FlatsatError: there is no such file, it is no regular one, or nobody has that home folder. Where nothing is
+            found, the text lists the names that exist.
     """
     packaged = _config_folder() / folder
     name = os.fspath(name_or_path)
-    own = "/" in name or name.endswith(".yaml")
-    try:
-        path = user_path(name) if own else packaged / f"{name}.yaml"
-        if path.is_file():
+    names = sorted(file.stem for file in packaged.glob("*.yaml"))
+    if "/" in name or name.endswith(".yaml"):
+        path = user_path(name)
+        try:
+            check_regular(path)
+        except FlatsatError as error:
+            if os.path.lexists(path):
+                raise
+            missing = str(error)
+        else:
             return path
-    except (FlatsatError, OSError):  # no such home folder, too long a name, a folder that is closed to us
-        path = Path(name)
-    names = ", ".join(sorted(file.stem for file in packaged.glob("*.yaml"))) or "none"
-    missing = f"there is no file {shown(path)}" if own else f"there is no packaged configuration {quoted(name)}"
-    raise FlatsatError(f"{missing}; packaged in {packaged}: {names}; or give the path of a .yaml file")
+    else:
+        if name in names:
+            return packaged / f"{name}.yaml"
+        near = difflib.get_close_matches(name, names, n=1)
+        nearest = f"; the nearest is {near[0]}" if near else ""
+        missing = f"there is no packaged configuration {quoted(name)}{nearest}"
+    raise FlatsatError(f"{missing}; packaged in {packaged}: {', '.join(names)}; or give the path of a .yaml file")
 
 
 def is_packaged(name: str, folder: str = "") -> bool:

@@ -10,6 +10,7 @@ import pytest
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.files import check_writable, make_folder, read_text, replacing, user_path, write_text
+from flatsat_ros.base.resources import config_path
 
 
 def refusal(path: Path | str, bytes_max: int = 100) -> str:
@@ -143,3 +144,23 @@ def test_what_is_written_keeps_its_ending_and_an_error_of_the_writer(tmp_path: P
         raise ValueError("no such format")
     assert path.read_bytes() == b"new"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_configuration_is_found_by_its_name_or_path_and_else_the_refusal_says_what_is_there(tmp_path: Path) -> None:
+    (own := tmp_path / "mine.yaml").write_text("a: 1\n")
+    assert config_path(own) == own
+    assert config_path("cf21", "vehicles").name == "cf21.yaml"
+    with pytest.raises(
+        FlatsatError, match=r"no packaged configuration 'cf21_plsu'; the nearest is cf21_plus; .*: brush"
+    ):
+        config_path("cf21_plsu", "vehicles")
+    with pytest.raises(
+        FlatsatError, match=rf"{tmp_path}/none.yaml: cannot be read: No such file or directory; .*: brush"
+    ):
+        config_path(tmp_path / "none.yaml")
+    os.mkfifo(pipe := tmp_path / "pipe.yaml")
+    for path, reason in ((pipe, "it is a device, pipe or socket"), (tmp_path, "it is a folder")):
+        with pytest.raises(FlatsatError, match=rf"^{path}: cannot be read: {reason}, must be a regular file$"):
+            config_path(path)
+    with pytest.raises(FlatsatError, match=r"^path = '~no_such_user/x.yaml': must be a path whose home folder exists$"):
+        config_path("~no_such_user/x.yaml")

@@ -16,7 +16,13 @@ from flatsat_ros.base.strict_yaml import YAML_BYTES, YAML_DEPTH, YAML_VALUES, re
 TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=20) | st.from_regex(
     r"[-+]?[0-9.][0-9._:eExXobfn+-]{0,8}|~|null|[yY]es|=|<<", fullmatch=True
 )
-SCALAR = st.none() | st.booleans() | st.integers(1 - 2**63, 2**63 - 1) | st.floats(allow_nan=False, allow_subnormal=False) | TEXT
+SCALAR = (
+    st.none()
+    | st.booleans()
+    | st.integers(1 - 2**63, 2**63 - 1)
+    | st.floats(allow_nan=False, allow_subnormal=False)
+    | TEXT
+)
 DOCUMENT = st.dictionaries(
     TEXT,
     st.recursive(SCALAR, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(TEXT, inner, max_size=4)),

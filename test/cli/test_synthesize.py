@@ -200,7 +200,7 @@ def test_a_certificate_is_verified_and_a_wrong_one_refused(
         (["--vehicle", "cf21", "--thrust-max-g", "1.6"], "must be at most 15.1538 m/s^2 (1.545 g), what cf21 lifts"),
         (["--vehicle", "cf21", "--thrust-max-g", "1.6"], "with 28 g to take off, not 29 g, it would do"),
         (["--vehicle", "zeppelin"], "no packaged configuration 'zeppelin'"),
-        (["--vehicle", "missing/zeppelin.yaml"], "there is no file"),
+        (["--vehicle", "missing/zeppelin.yaml"], "missing/zeppelin.yaml: cannot be read: No such file"),
         ([*PAPER_LIMITS, "--output", "missing/x.yaml"], "the folder missing does not exist"),
         ([*PAPER_LIMITS, "--output", "taken.yaml"], "taken.yaml: cannot be written: it exists: give --force"),
         ([*PAPER_LIMITS, "--output-dir", "."], "--output-dir goes with --paper"),

@@ -174,7 +174,7 @@ def test_lag_is_the_slowest_of_attitude_and_thrust(name: str) -> None:
         ({"dynamics.attitude.actuator_lag": 0.2}, "stable"),
         ({"dynamics.attitude.damping": 0.0}, "damping"),
         ({"dynamics.attitude.integral_zero": 0.4}, "integral_pole = 0.0 rad/s: must be above 0 with integral_zero"),
-        ({"dynamics.yaw.actuator_lag": 5e-324}, "actuator_lag = 5e-324 s: must be 0, or a number from 1e-12 to"),
+        ({"dynamics.yaw.actuator_lag": 5e-300}, "actuator_lag = 5e-300 s: must be 0, or a number from 1e-12 to"),
         ({"dynamics.drag_z": 1e-300}, "drag_z = 1e-300 1/s: must be 0, or a number from 1e-12 to"),
         ({"dynamics.dead_time": 1e300}, r"dead_time = 1e\+300 s: must be 0, or a number from"),
         (
