@@ -1,9 +1,12 @@
-"""Sums of absolute values of stable loops' answers, and of answers moved by their derivatives, never below the truth.
+"""Upper bounds of the responses of stable loops: the sums of absolute values of impulse responses, and their peaks.
 
-Rows C A^i are computed in floating point, a chunk of periods at a time. What each chunk is wrong by, and what is left
-of the rows where the sum ends, is a row too: of it the answer is at most its absolute value times Y, the sums of
-absolute values of the state itself, and Y obeys the same inequality, Y <= (what was summed) + q Y with a small q.
-docs/mathematics.md has the proof.
+Such a sum is the l1 norm of the loop, the largest output that an input bounded by 1 can cause. The same is bounded for
+responses that are changed, to first order, by changes of the loop's parameters.
+
+Rows C A^i are computed in floating point, a chunk of periods at a time. The error of each chunk, and what remains of
+the rows where the sum ends, are rows as well. The response to such a row is at most its absolute value times Y, the
+sums of absolute values of the state itself, and Y obeys the same inequality, Y <= (what was summed) + q Y with a small
+q. docs/mathematics.md has the proof.
 """
 
 from __future__ import annotations
@@ -24,15 +27,15 @@ from flatsat_ros.certificate.running_sums import Products, Running, columns_by_t
 _DOUBLINGS = 4
 _CHUNK = 2**_DOUBLINGS
 
-# A loop has forgotten once so little of the state's sums can be left, relatively.
+# The sum of a loop ends once the rest of the state's sums is at most this share of them: the loop has forgotten.
 _FORGOTTEN = 1e-4
 
-# Coarse bounds end once what is left is at most so much of the sums, of the first factor and of others. That is asked
-# after every fourth chunk, once so little is left of the mode that fades last, and after the last chunk no more.
+# Coarse sums end once the rest is at most this share of them, for the first factor and for the others. It is checked
+# after every _EVERY chunks, from when the slowest mode has decayed to _FADED on; after _CHUNKS_MAX chunks they end.
 _CLOSE = 0.06, 0.2
 _FADED, _EVERY, _CHUNKS_MAX = 0.06, 4, 40
 
-# Chunks after which it is asked whether a loop is one that grows.
+# After each so many chunks it is checked whether a loop is unstable.
 _GIVE_UP = 8
 
 # Periods after which a loop that still remembers is given up.
@@ -48,15 +51,15 @@ Found = list[tuple[FloatArray, ...]]
 
 @dataclass(frozen=True)
 class Answers:
-    """Bounds of what signals C z answer to inputs, z+ = A z + B w, and to starts z(0), the columns of Z.
+    """Bounds of the responses of signals C z to inputs, z+ = A z + B w, and to initial states z(0), the columns of Z.
 
-    Infinite where the loop is not stable. N is the number of loops. Of the p signals the last e are not followed.
+    Infinite where the loop is not stable. N is the number of loops. The last e of the p signals have no vertex bounds.
 
     Attributes:
         sums: (N, p, m) sum_i |C A^i B|.
         peaks: (N, p, k) max_i |C A^i Z|; infinite, so that nothing is claimed, but for the last factor.
-        vertex_sums: (N, V, p - e, f) the first f sums, with each term moved by its derivative in the direction of a
-            vertex.
+        vertex_sums: (N, V, p - e, f) the sums for the first f inputs, with each term changed to first order as at a
+            vertex of the parameters.
         vertex_peaks: (N, V, p - e, k) likewise.
     """
 
@@ -78,7 +81,7 @@ def answers(
     plain: int = 0,
     coarse: bool = False,
 ) -> list[Answers]:
-    """Return bounds of what loops answer, hardly above what they do answer, for each of some factors.
+    """Return bounds, hardly above the true values, of the responses of loops, for each of some factors.
 
     Args:
         A: (N, n, n).
@@ -86,16 +89,17 @@ def answers(
         starts: (N, n, k) Z.
         signals: (N, p, n) rows C.
         steps: (N, d, n, n) derivatives of A by each parameter.
-        kicks: (N, d, n, f) those of the first f columns of B, which are followed to first order; starts are, too.
+        kicks: (N, d, n, f) derivatives of the first f columns of B. The responses to these and to the starts are
+            bounded at the vertices, too.
         vertices: (N, V, d) points of the parameters.
         factors: at least 1, by which z+ is multiplied in every period: of the loop with r A, r B and so on.
-        plain: e, so many last rows of C have sums for the loops themselves alone.
-        coarse: whether bounds may be some hundredths above what loops answer, which takes a third of the time.
+        plain: e, the number of last rows of C without vertex bounds.
+        coarse: whether bounds may be some hundredths too large, which takes a third of the time.
     """
     count, moving = len(A.mid), vertices.any(axis=(0, 1))  # the other parameters are what they are in the middle
     steps, kicks, vertices = steps[:, moving], kicks[:, moving], vertices[..., moving]
     fading, found = None, []
-    with np.errstate(all="ignore"):  # of loops that are not stable all grows beyond all numbers
+    with np.errstate(all="ignore"):  # the sums of unstable loops overflow
         if coarse:
             modes, fading = modes_of(A.mid)
             away = inverse(modes)
@@ -165,7 +169,7 @@ class _Sums:
         self.starts = np.tile(powers[:, -1] / factors[-1], k)
 
     def _beginning(self) -> Running:
-        """Return rows of the first chunk, and nothing gathered."""
+        """Return the rows of the first chunk, and sums of 0."""
         N, n, m, k, f = self.shape
         p, d, V, F = self.followed, self.reach.shape[1], self.shares.shape[1], len(self.chunk)
         own, moved, power = self.signals.mid, self.moved.mid, self.power.mid
@@ -197,10 +201,10 @@ class _Sums:
         )
 
     def all(self, fading: FloatArray | None) -> list[Answers]:
-        """Sum up.
+        """Return the bounds for each factor.
 
         Args:
-            fading: (N,) what is left from period to period of the mode that fades last, for coarse bounds; or None.
+            fading: (N,) absolute eigenvalue of the slowest mode, for coarse bounds; None for close ones.
         """
         N, n, m, k, f = self.shape
         p, V, F, e = self.followed, self.shares.shape[1], len(self.chunk), self.signals.shape[1] - self.followed
@@ -233,7 +237,7 @@ class _Sums:
         return [Answers(a[..., order], a[..., f : f + k], b[..., :f], b[..., f:]) for a, b in found]
 
     def _gather(self, now: Running, scale: FloatArray, memory: Sequence[Products], others: FloatArray) -> None:
-        """Add up what is answered in a chunk of periods."""
+        """Add the responses of a chunk of periods to the sums."""
         k, columns = self.shape[3], self.shape[4] * _CHUNK
         inputs, starts = (part.some(len(now.place)) for part in memory)
         now.answer(slice(columns), inputs)
@@ -253,7 +257,7 @@ class _Sums:
                 np.maximum(most, now.together(array) if array is starts.bent else array, out=most)
 
     def _done(self, now: Running, number: int, scale: FloatArray, left: FloatArray) -> NDArray[np.bool_]:
-        """Tell which loops (N, F) have forgotten, or are known to grow, after a chunk; the latter wait no longer.
+        """Tell the sums of which loops (N, F) can end after a chunk. Those of unstable loops do not wait any longer.
 
         Args:
             now: what was gathered.
@@ -276,7 +280,7 @@ class _Sums:
     def _finish(
         self, now: Running, places: NDArray[np.intp], number: int, left: FloatArray, found: tuple[FloatArray, ...]
     ) -> FloatArray:
-        """Add what rounding and the rest of time may add, for some loops and one factor; return its share (P,).
+        """Add bounds of rounding errors and of later periods, for some loops and one factor; return their share (P,).
 
         Args:
             now: what was gathered.
@@ -319,7 +323,7 @@ class _Sums:
 
 
 def _asked(now: Running, number: int, first: FloatArray) -> NDArray[np.bool_]:
-    """Tell of which loops (N, F) it is asked after a chunk whether coarse bounds are close; `first` is that chunk."""
+    """Tell for which loops (N, F) it is checked after a chunk whether coarse sums can end; from `first` (N,) on."""
     if number + 1 == _CHUNKS_MAX:
         return now.waiting.copy()
     return np.asarray(now.waiting & ((number + 1) % _EVERY == 0) & (number + 1 >= first)[now.place, None])

@@ -111,13 +111,13 @@ def _product(left: Enclosure, right: Enclosure) -> Enclosure:
 
 
 def rounding(count: int) -> float:
-    """Return a bound of the share by which inner products of a length are wrong, of the sum of absolute products."""
+    """Return a bound of the error of inner products of a length, as a share of the sum of their absolute products."""
     return (count + 2) * ROUNDING
 
 
 @lru_cache(maxsize=4096)
 def decimal(value: float) -> Fraction:
-    """Return the number that is written where a float is read: its shortest decimal."""
+    """Return the shortest decimal that is read as this float: the number that a file says."""
     return Fraction(repr(float(value)))
 
 
@@ -134,7 +134,7 @@ def exponential_above(exponent: Fraction) -> float:
 
 
 def sine(angle: Fraction) -> Fraction:
-    """Return what is hardly below the sine of an angle between 0 and pi/2: its series up to a term below 0."""
+    """Return a close lower bound of the sine of an angle between 0 and pi/2: its series up to a negative term."""
     term, total = angle, angle
     for order in range(2, 2 * _ORDER, 2):
         term = -term * angle * angle / (order * (order + 1))
@@ -143,7 +143,7 @@ def sine(angle: Fraction) -> Fraction:
 
 
 def enclosed(value: Numbers) -> Enclosure:
-    """Return an enclosure of numbers: exact ones of floats, and of fractions what is nearest with its error."""
+    """Return an enclosure of numbers: floats exactly, fractions as the nearest float with its error."""
     if isinstance(value, Enclosure):
         return value
     if isinstance(value, Fraction):

@@ -19,7 +19,7 @@ from flatsat_ros.law.input_set import InputSet
 # A matrix of fractions.
 Rationals = NDArray[np.object_]
 
-# What is printed of an inequality whose failure no float shows, relatively.
+# The relative slack that is printed for an inequality that fails by less than a float can show.
 _UNSEEN = 2.0**-60
 
 # Rows from which on pivots have too many digits: the matrix is rounded first, to so many bits, to the safe side.
@@ -30,7 +30,7 @@ _DIGITS, _PLACES = 40, 10**36
 
 
 def rationals(values: ArrayLike) -> Rationals:
-    """Return the decimals that are written where floats are read, in an array of the same shape."""
+    """Return the shortest decimals that are read as these floats, exactly, in an array of the same shape."""
     array = np.asarray(values, dtype=np.float64)
     exact = np.empty(array.shape, dtype=object)
     for place in np.ndindex(array.shape):
@@ -39,7 +39,7 @@ def rationals(values: ArrayLike) -> Rationals:
 
 
 def product(*matrices: Rationals) -> Rationals:
-    """Return the product of matrices of fractions; of integers, which is many times faster."""
+    """Return the product of matrices of fractions, computed with integers, which is many times faster."""
     whole, denominator = integers(matrices[0])
     for matrix in matrices[1:]:
         other, scale = integers(matrix)
@@ -48,7 +48,7 @@ def product(*matrices: Rationals) -> Rationals:
 
 
 def integers(matrix: Rationals) -> tuple[Rationals, int]:
-    """Return integers and the denominator over which they are the matrix."""
+    """Return a matrix of fractions as integers and their common denominator."""
     entries = [Fraction(entry) for entry in matrix.ravel().tolist()]
     denominator = math.lcm(*(entry.denominator for entry in entries))
     whole = np.empty(len(entries), dtype=object)
@@ -59,7 +59,7 @@ def integers(matrix: Rationals) -> tuple[Rationals, int]:
 def semidefinite(matrix: Rationals) -> bool:
     """Tell whether x'M x >= 0 for all x: whether no pivot of the symmetric elimination is negative.
 
-    Of large matrices it is only told where it holds with a share of 2^-100 or so to spare.
+    For large matrices the answer is yes only where it holds with a relative margin of about 2^-100.
     """
     if any(entry < 0 for entry in np.diagonal(matrix)):
         return False
@@ -79,7 +79,7 @@ def semidefinite(matrix: Rationals) -> bool:
 
 
 def _coarse(matrix: Rationals) -> Rationals:
-    """Return integers of _BITS bits of which a matrix is not less, after a scaling of rows and columns alike."""
+    """Return integers of _BITS bits whose matrix is a lower bound of this one, after scaling rows and columns alike."""
     count, rows = len(matrix), matrix.tolist()
     halves = [math.frexp(float(row[i]))[1] // 2 if row[i] > 0 else 0 for i, row in enumerate(rows)]
     whole = np.empty(matrix.shape, dtype=object)
@@ -106,7 +106,7 @@ def definite(matrix: Rationals, share: Fraction) -> bool:
 
 
 def decaying(time: Fraction) -> tuple[Fraction, Fraction]:
-    """Return two bounds of e^-x, of which the lower is not above it and the upper not below it; x >= 0."""
+    """Return a lower and an upper bound of e^-x, x >= 0."""
     context = Context(prec=_DIGITS)
     power = Fraction(context.exp(-context.divide(Decimal(time.numerator), Decimal(time.denominator))))
     # the quotient is wrong by 1e-40 x, e^-x by x e^-x 1e-40 < 1e-39 and its own rounding

@@ -1,8 +1,8 @@
 """The flight section of a certificate: what is proved about the whole loop that flies.
 
-The other sections speak of the ideal loop, a drone that knows its state and answers at once; their P gives the law, and
-the law acts on the predicted state, of which they are true. This section says how far from its reference the real drone
-is, and that its applied gain stays in the interval.
+The other sections are about the ideal loop of a drone that knows its state and answers at once. Their P gives the law,
+and they are true of the predicted state, on which the law acts. This section bounds how far the real drone is from its
+reference, and says that its applied gain stays in the interval.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from flatsat_ros.law.input_set import InputSet
 # How a cell is written among the cuts of a box.
 _CELL = "-"
 
-# What `sine` is below the sine is less.
+# `sine` is below the sine by less than this.
 _SMALL = Fraction(1, 10**20)
 
 HEADER = """\
@@ -141,7 +141,7 @@ class FlightSection:
     Attributes:
         gain_min: smallest applied gain k, at most 1.
         gain_max: largest applied gain.
-        margin: m, m/s^2, that f keeps from the limit of the tilt. f is what a reference asks the law for: its
+        margin: m, m/s^2, the distance of f to the limit of the tilt. f is what a reference asks the law for: its
             acceleration, with drag and lead (`flight.preview`).
         disturbance: largest |D/g|, m/s^2.
         assumptions: of the tube.
@@ -186,7 +186,7 @@ class FlightSection:
         return self.assumptions.acceleration if any(plant.drag or plant.tilt for plant in plants) else math.inf
 
     def demanded(self, demand: FloatArray, margin: float) -> float:
-        """Return what a reference asks for over what is assumed, the largest ratio; at most 1 is kept.
+        """Return the largest ratio of what a reference asks for to what is assumed; up to 1 it keeps the assumptions.
 
         Args:
             demand: (3, 2) largest acceleration, jerk and snap, horizontal and vertical, m/s^2 and so on.
@@ -245,7 +245,7 @@ class FlightSection:
         return sides / self.horizontal.back.nominal, upright / self.vertical.back.nominal
 
     def left(self, limits: InputSet) -> Taken:
-        """Return what v0 and the compensation leave of each limit while nothing is asked for, m/s^2; rounded down."""
+        """Return the distance that v0 and the compensation leave to each limit in a hover, m/s^2; rounded down."""
         taken, gravity = self.taken(limits), decimal(limits.gravity)
         return Taken(
             gravity * sine(decimal(limits.tilt_max)) - taken.tilt_max,
@@ -307,5 +307,5 @@ class FlightSection:
 
 
 def _root(square: Fraction) -> Fraction:
-    """Return a bound of a root, hardly above it."""
+    """Return a close upper bound of a square root."""
     return Fraction(math.isqrt(math.ceil(square * 10**40)) + 1, 10**20)

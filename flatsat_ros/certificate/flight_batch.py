@@ -1,4 +1,4 @@
-"""Cells that are alike, computed side by side: the loops in their middles, enclosed, and what is done in a period.
+"""Cells of the same structure, computed side by side: enclosures of the loops in their middles, and of one period.
 
 What separates the other plants of a cell from the middle (`flight_cell`) acts on these loops as further inputs.
 """
@@ -35,7 +35,7 @@ _NODES = 2
 def side_by_side(
     design: Design, boxes: Sequence[PlantBox], pose_age: Fraction, coarse: bool = False
 ) -> list[tuple[list[int], Cells]]:
-    """Return boxes as cells, those that are alike together, each with their places among the boxes.
+    """Return boxes as cells, grouped by their structure; with each group the places of its cells among the boxes.
 
     Args:
         design: the controller.
@@ -51,7 +51,7 @@ def side_by_side(
 
 
 class Loops(DesignedLoop):
-    """A design on the middles of cells that are alike, enclosed; what depends on the cell has their number B in front.
+    """Enclosures of a design on the middles of B cells of one structure; what depends on the cell has shape (B, ...).
 
     Attributes:
         design: the controller.
@@ -147,8 +147,8 @@ class Cells:
         difference: row (1, n + 1) of the command before the change less the one after it.
         on_state, on_command: (B, m, x) and (B, m, 1) of F.
         period: h, s.
-        coarse: whether bounds may be some hundredths above what they could be; they take half of the time.
-        rough: whether one node, and one piece of a period, do for that: plants of second order move too much.
+        coarse: whether bounds may be some hundredths too large, which takes half of the time.
+        rough: whether, for coarse bounds, one node and one piece of a period are enough, as for plants of first order.
     """
 
     def __init__(self, design: Design, cells: Sequence[Cell], pose_age: Fraction, coarse: bool = False) -> None:
@@ -184,17 +184,17 @@ class Cells:
 
     @cached_property
     def steady(self) -> FloatArray:
-        """(B, V, m + 1), of which few cells are asked."""
+        """(B, V, m + 1) distances that stay; computed when they are asked for, as of few cells."""
         return self._distances("steady")
 
     @cached_property
     def changing(self) -> FloatArray:
-        """(B, m), likewise."""
+        """(B, m) bounds of the distances that change."""
         return self._distances("changing") * UP
 
     @cached_property
     def growth(self) -> FloatArray:
-        """(B, x, x) e^(|A| h): bounds what a state does within a period."""
+        """(B, x, x) e^(|A| h), a bound of the transition within a period."""
         return exponential_norm(self.loop.body, self.period)
 
     @cached_property
@@ -273,5 +273,5 @@ class Cells:
 
 
 def exponential_norm(dynamics: PlantEquation, time: float) -> FloatArray:
-    """Return a bound of e^(|A| t)."""
+    """Return an upper bound (..., n, n) of e^(|A| t), entry by entry."""
     return np.asarray(enclosed(exponential(Enclosure(enclosed(dynamics.system[0]).size) * time)).size)

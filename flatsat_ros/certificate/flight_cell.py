@@ -1,4 +1,4 @@
-"""Boxes of plants, and what separates the plants of a small one from the plant in its middle.
+"""Boxes of plants, and the differences between the plants of a small box and the plant in its middle.
 
 The last row of a plant's equation x' = A x + b c is affine in its parameters q,
 
@@ -9,8 +9,8 @@ so the plant q is the plant q^ in the middle with the further input sum_i p_i F_
 
     F = (g^ c - a - tilt^ e', c, -a', -e'),   p = (q_0 - q^_0, q_1 - q^_1 - g^ p_0, q_2 - q^_2, q_3 - q^_3 - tilt^ p_0),
 
-and a delay that is longer by s hands the command on s seconds later: for so long the last row gets q_1 times the
-command before less the command now. Another drag is a further input at the acceleration, (drag^ - drag) e'.
+and with a delay that is longer by s each command begins s seconds later: during that time the last row gets the further
+input q_1 (command before - command now). Another drag is a further input at the acceleration, (drag^ - drag) e'.
 """
 
 from __future__ import annotations

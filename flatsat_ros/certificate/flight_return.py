@@ -1,8 +1,9 @@
 """The way back into the tube: how fast a drone returns from any start.
 
-By linearity the distance to the reference is that of a drone that started on it, which is in the tube, and what the
-start alone does. Multiplied by e^(rate t), the latter obeys the same loop with A replaced by e^(rate h) A, and is
-bounded by the largest instead of the sum of its values. The rows C A^i are those of the tube: both are found at once.
+By linearity the distance to the reference is the sum of two: that of a drone that started on the reference, which is in
+the tube, and the response to the start alone. Multiplied by e^(rate t) this response obeys the same loop with A
+replaced by e^(rate h) A; what bounds it is the largest of its values, not their sum. The rows C A^i are those of the
+tube, so both are computed at once.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from flatsat_ros.certificate.flight_cell import PlantBox
 from flatsat_ros.certificate.flight_plant import Design
 from flatsat_ros.certificate.flight_tube import Assumptions, AxisTube, cell_bounds, cells, tubes_of
 
-# What the largest coarse bound is above what it could be, about, and above 1; and the longest period, s, of loops whose
-# coarse bounds take so much less time that they are worth it. What is proved does not depend on either.
+# About the largest ratio of coarse bounds to close ones; and the longest period, s, of loops for which coarse bounds
+# save time. What is proved does not depend on either.
 _NEAR, _LONG = 1.03, 0.05
 
 _NO_TUBE = AxisTube(math.inf, math.inf, math.inf, math.inf)
@@ -29,9 +30,9 @@ _NO_TUBE = AxisTube(math.inf, math.inf, math.inf, math.inf)
 
 @dataclass(frozen=True)
 class Return:
-    """What a start (e, e') adds to the tube t seconds later, at most, with Euclidean norms over the axes.
+    """Bounds of what a start (e, e') adds to the tube t seconds later; Euclidean norms over the axes.
 
-    The start is one at a tick of which the estimate is settled, with attitude and commands as the reference needs them.
+    The start is at a tick at which the estimate has settled, with attitude and commands as the reference needs them.
 
     Attributes:
         rate: 1/s, of the decay.
@@ -62,17 +63,17 @@ def cell_claims(
     lag_varies: bool = False,
     coarse: bool = False,
 ) -> list[tuple[AxisTube, Return]]:
-    """Return tubes and how all plants of each of some boxes return, as one cell each; infinite where not shown.
+    """Return the tube and the way back of each of some boxes, taken as one cell each; infinite where none is shown.
 
     Args:
         design: the controller.
-        boxes: the plants, none of whose delays are separated by a whole period.
-        gain_min: smallest applied gain k, which may be another at every tick.
+        boxes: the plants; no whole period lies between the delays of a box.
+        gain_min: smallest applied gain k, which may change at every tick.
         gain_max: largest applied gain.
         rate: 1/s.
         assumptions: bounds of the inputs; of the way back only the age of poses.
         lag_varies: whether lag, frequency and damping change in flight, within the box.
-        coarse: whether the bounds may be some hundredths above what they could be; they take half of the time.
+        coarse: whether the bounds may be some hundredths too large, which takes half of the time.
 
     Raises:
         FlatsatError: as `cell_tubes`.
@@ -136,7 +137,7 @@ def box_claims(
         found = cell_claims(design, some, gain_min, gain_max, rate, assumptions, lag_varies, coarse)
         return np.array([astuple(tube) + astuple(back)[1:] for tube, back in found])
 
-    # of most cells coarse bounds are below close ones of another one, and no more has to be known of them
+    # the coarse bounds of most cells are below the close ones of another cell: these cells need no close bounds
     coarse = design.period <= _LONG
     bounds, close = claims(parts, coarse), np.full(len(parts), not coarse)
     largest = bounds.max(axis=0, where=np.isfinite(bounds), initial=0.0) / _NEAR

@@ -1,11 +1,11 @@
 """The tube: how far the loop that flies can be from its reference, proved for all plants of a box and all gains.
 
 Per cell of the box, with the loop z+ = A z + B w of the cell's middle at the middle k^ of the gain interval, a bound of
-a signal y = C z is sum_i |C A^i B| times that of w, exact for one loop. What separates a plant of the cell from the
-middle (`flight_cell`), and (k - k^) v0 of a gain that varies as it likes, are further inputs, bounded by signals of the
-loop itself: a small gain argument. To first order in the distances from the middle the answer to them is computed
-exactly, as a derivative of the response, and bounded at the vertices of the cell, because a sum of absolute values is
-convex; only what is left, of second order, is left to the small gains. docs/mathematics.md has the proof.
+a signal y = C z is sum_i |C A^i B| times that of w, exact for one loop. The differences between a plant of the cell and
+the middle (`flight_cell`), and (k - k^) v0 for a gain that varies arbitrarily, are further inputs, bounded by signals
+of the loop itself: a small gain argument. To first order in these differences the response to them is computed exactly,
+as a derivative, and bounded at the vertices of the cell, because a sum of absolute values is convex; only the
+remainder, of second order, is bounded by small gains. docs/mathematics.md has the proof.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from flatsat_ros.certificate.flight_plant import Design, Plant
 
 @dataclass(frozen=True)
 class Assumptions:
-    """What the tube takes for granted; Euclidean norms over the axes that share a loop.
+    """The assumptions of the tube: bounds of Euclidean norms over the axes that share a loop.
 
     Attributes:
         disturbance_rate: of the acceleration by which nature disturbs, m/s^3.
@@ -54,9 +54,9 @@ class Assumptions:
         require_fields(self, require_not_negative, jerk="m/s^3", snap="m/s^4", pose_age="s")
 
     def drive(self, model: Plant, period: float, low: Plant, high: Plant) -> float:
-        """Return a bound of what f has too much for the reference at the input of any plant between two, m/s^2.
+        """Return a bound of the difference between f and what the reference needs at the input of any plant, m/s^2.
 
-        It is without the ripple that is there because f is held for a period while the reference moves on.
+        The ripple that comes from holding f for a period while the reference moves on is not included, see `ripple`.
 
         Args:
             model: the nominal plant, for which f is made.
@@ -81,7 +81,7 @@ class Assumptions:
     def ripple(self, model: Plant) -> float:
         """Return a bound of how fast f has to change for the reference, m/s^3.
 
-        While f is held it has too little and then too much by this times the distance in time from the middle.
+        While f is held, its difference to what is needed is this times the time from the middle of the period.
 
         Args:
             model: the nominal plant.
@@ -117,7 +117,7 @@ def _leads(low: Plant, high: Plant) -> tuple[Fraction, Fraction]:
 
 @dataclass(frozen=True)
 class AxisTube:
-    """Bounds of Euclidean norms over the axes, once the loop has forgotten how it began.
+    """Bounds of Euclidean norms over the axes, when the response to the beginning has decayed.
 
     Attributes:
         position: |e|, m, at all times.
@@ -148,8 +148,8 @@ def cell_tubes(
 
     Args:
         design: the controller.
-        boxes: the plants, none of whose delays are separated by a whole period.
-        gain_min: smallest applied gain k, which may be another at every tick.
+        boxes: the plants; no whole period lies between the delays of a box.
+        gain_min: smallest applied gain k, which may change at every tick.
         gain_max: largest applied gain.
         assumptions: bounds of the inputs.
         lag_varies: whether lag, frequency and damping change in flight, within the box; if so the tube is larger.
@@ -168,7 +168,7 @@ def cell_tubes(
 
 
 def tubes_of(bounds: CellBounds, boxes: Sequence[PlantBox], assumptions: Assumptions) -> list[AxisTube]:
-    """Return the tube of each of some boxes as cells that are alike.
+    """Return the tube of each of some boxes, which are cells of one structure.
 
     Args:
         bounds: of the cells.

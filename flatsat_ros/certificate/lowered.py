@@ -1,4 +1,4 @@
-"""Claims that are tight but for rounding, lowered by as little as makes them hold of the decimals that are written."""
+"""Claims that fail by no more than rounding, lowered until they hold exactly for the decimals that are written."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.inequalities import ideal_margins
 
-# A claim, whether it is lowered by making it smaller, and what the inequalities that it makes true have in their names.
+# A claim, whether a smaller figure claims less, and a part of the names of the inequalities that depend on it.
 _CLAIMS = (
     ("ball", True, "the ball |v|^2 <= rho"),
     ("rate", True, "A'P + P A"),
@@ -23,9 +23,9 @@ _SHARES = 2.0 ** np.arange(-52.0, -32.0)
 
 
 def lowered(certificate: Certificate) -> tuple[Certificate, dict[str, float]]:
-    """Return the certificate with claims that are proved, and by which shares which were lowered.
+    """Return the certificate with claims that hold exactly, and the share by which each lowered claim was lowered.
 
-    A claim that fails by more than rounding stays what it is.
+    If a claim fails by more than rounding, the certificate is returned as it is.
 
     Args:
         certificate: of which nothing is proved yet.

@@ -1,7 +1,7 @@
-"""Coordinates in which loops fade mode by mode, so that of what is left of them little is counted twice.
+"""Modal coordinates of loops, in which bounds of what remains of a state are closest.
 
-What is proved in them is true whatever they are: they are floats, and their inverse is enclosed. How well they sort
-the modes only decides how close bounds are.
+What is proved in these coordinates is true for any coordinates: they are floats, and their inverse is enclosed. How
+well they separate the modes only decides how close the bounds are.
 """
 
 from __future__ import annotations
@@ -11,19 +11,19 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.certificate.enclosures import TINY, UP, Enclosure
 
-# Modes of which less than this is left from period to period need no coordinates of their own.
+# Modes with smaller absolute eigenvalues need no coordinates of their own.
 _SLOW = 0.9
 
 
 def modes_of(A: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return coordinates of loops z+ = A z, and what from period to period is left of the mode that fades last.
+    """Return modal coordinates of loops z+ = A z, and the absolute eigenvalues of the slowest modes.
 
     Args:
         A: (N, n, n).
 
     Returns:
-        (N, n, n) columns: real and imaginary parts of the slow modes, and an orthonormal basis of what has no part of
-        any of them; and (N,) largest absolute eigenvalues. Where numbers overflow, the coordinates are what they were.
+        (N, n, n) columns: real and imaginary parts of the eigenvectors of slow modes, and an orthonormal basis of the
+        subspace of the other modes; and (N,) largest absolute eigenvalues. Where numbers overflow: unit matrix and 1.
     """
     try:
         sizes, right = _sorted(A)
@@ -44,7 +44,7 @@ def _sorted(A: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def inverse(matrices: FloatArray) -> Enclosure:
-    """Return enclosures of the inverses of matrices (N, n, n); infinitely wide ones if it is not shown that they exist.
+    """Return enclosures of the inverses of matrices (N, n, n); infinitely wide ones where no inverse is shown to exist.
 
     With R = 1 - M G of norm r < 1 the inverse of G is M + R M + R^2 M + ..., where M is what is computed.
     """

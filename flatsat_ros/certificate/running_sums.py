@@ -1,4 +1,4 @@
-"""What is gathered while loops' answers are summed, a chunk of 16 periods at a time: see `certificate.answers`."""
+"""The sums of loops' responses in progress, a chunk of 16 periods at a time: see `certificate.answers`."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _SLACK, _ROUNDS = 1e-6, 60
 
 @dataclass(frozen=True)
 class Products:
-    """Memory for what columns answer in a chunk; the letters are those of `Running`.
+    """Memory for the responses to columns in a chunk; the letters are those of `Running`.
 
     Attributes:
-        raw: (N, 1 + d, p + n, columns) the answers and their derivatives.
-        rows: (N, p + n + e, columns) sizes of the answers.
+        raw: (N, 1 + d, p + n, columns) the responses and their derivatives.
+        rows: (N, p + n + e, columns) sizes of the responses.
         vertex: (N, V, p, columns) those of their combinations at the vertices.
         bent: (N, d, n, columns) those of the state's derivatives.
     """
@@ -44,27 +44,27 @@ class Products:
 
 @dataclass(frozen=True)
 class Running:
-    """What changes while loops are summed, and what is multiplied for it: arrays with one entry per loop.
+    """The sums so far, and what they are continued with: arrays with one entry per loop.
 
-    The b columns that are followed are f inputs and the k starts; c is the number of the others, F that of the factors.
-    Of rows there are p signals that are followed, n of the unit matrix and e signals that are not.
+    There are b columns with derivatives, f inputs and the k starts, and c columns without; F is the number of factors.
+    The rows are p signals with derivatives, the n rows of the unit matrix, and e signals without derivatives.
 
     Attributes:
         place: (N,) of each loop among those of the batch.
-        waiting: (N, F) for which factors it still remembers.
+        waiting: (N, F) for which factors its sums are not finished.
         rows: (N, p + n + e, n), C A^i and A^i at the chunk's beginning.
         turns: (N, d, p + n, 2 n), their derivatives, and beside them the rows again.
         rows_size, turns_size: (N, p + n + e, n) and (N, p + n, n), sizes of the rows and, times the reach, of their
             derivatives together.
         rows_sum, turns_sum: (N, F, p + n + e, n) and (N, F, p + n, n), sums of these over the chunks.
-        plain, others: (N, F, p + n + e, f) and (N, F, p + n + e, c), sums of the answers' sizes.
+        plain, others: (N, F, p + n + e, f) and (N, F, p + n + e, c), sums of the responses' sizes.
         vertex, bent: (N, F, V, p, f) and (N, F, n, f), likewise; those of the state's derivatives, times the reach.
         peaks, vertex_peaks, bent_peaks: (N, p + n + e, 16 k), (N, V, p, 16 k) and (N, n, 16 k), largest ones to
             starts for the last factor, at each period of a chunk.
         moved, moved_others: (N, n, 16 b) and (N, n, 16 c), A^j of the columns, of each the periods of a chunk.
         turned: (N, d, 2 n, 16 b), A^j of the followed columns and, below, their derivatives: times turns derivatives.
         power, slope: (N, n, n) A^j over the whole chunk, and (N, d, 2 n, n) with its derivatives below.
-        shares: (N, V, 1 + d) combinations of an answer and its derivatives at the vertices.
+        shares: (N, V, 1 + d) factors of a response and of its derivatives at each vertex.
         reach: (N, d) the largest distance of a vertex.
     """
 
@@ -92,7 +92,7 @@ class Running:
     reach: FloatArray
 
     def answer(self, which: slice, found: Products) -> None:
-        """Write the sizes of what some of the followed columns, each with its 16 periods, answer in a chunk."""
+        """Write the sizes of the responses to some columns with derivatives, each with its 16 periods, in a chunk."""
         both, (p, columns) = self.turns.shape[2], found.vertex.shape[2:]
         raw = found.raw
         np.matmul(self.rows[:, :both], self.moved[..., which], out=raw[:, 0])
@@ -110,7 +110,7 @@ class Running:
         return np.asarray((self.reach[:, :, None, None] * derivatives).sum(axis=1))
 
     def move(self, scale: FloatArray) -> None:
-        """Gather the sizes of rows and go on to those of the next chunk.
+        """Add the sizes of the rows to their sums, and go on to the rows of the next chunk.
 
         Args:
             scale: (F,) by which they count for each factor.
@@ -127,7 +127,7 @@ class Running:
         self.turns_size[:] = self.together(np.abs(turns))
 
     def without(self, place: int) -> Running:
-        """Return the same without a loop, in whose place in memory the last one goes."""
+        """Return the sums without one loop; the last loop takes its place in memory."""
         arrays = [getattr(self, field.name) for field in fields(self)]
         for array in arrays:
             array[place] = array[-1]
@@ -135,7 +135,7 @@ class Running:
 
 
 def implied(summed: FloatArray, q: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return Y (P, n, columns), and of which of the P loops it is finite and above 0, with summed + q Y < Y."""
+    """Return Y (P, n, columns) with summed + q Y < Y, and for which of the P loops it was found, finite and above 0."""
     bound, going = summed, np.ones(len(summed), dtype=bool)
     for _ in range(_ROUNDS):
         following = (summed + q @ bound) * UP
@@ -147,12 +147,12 @@ def implied(summed: FloatArray, q: FloatArray) -> tuple[FloatArray, NDArray[np.b
 
 
 def over(values: FloatArray, derivatives: FloatArray) -> FloatArray:
-    """Return (N, d, 2 n, m): values (N, n, m) over each of their derivatives (N, d, n, m)."""
+    """Return (N, d, 2 n, m): values (N, n, m) stacked on each of their derivatives (N, d, n, m)."""
     return np.concatenate([np.zeros_like(derivatives) + values[:, None], derivatives], axis=2)
 
 
 def columns_by_time(columns: Enclosure, count: int) -> Enclosure:
-    """Return columns (..., count m) of some times, one time after another, with the times of each side by side."""
+    """Return columns (..., count m), given time after time, in the order column after column."""
     mid, rad = (
         part.reshape(*part.shape[:-1], count, part.shape[-1] // count).swapaxes(-1, -2).reshape(part.shape)
         for part in (columns.mid, columns.rad)
