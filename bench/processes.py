@@ -7,10 +7,11 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import psutil
@@ -40,6 +41,8 @@ _WARM_UP = 2.0  # s
 _GOODBYE = 5.0  # s
 # a process that does less than this share of its work cannot be compared
 _LEAST_WORK = 0.5
+
+N = TypeVar("N", bound=Node)
 
 
 class Measurement:
@@ -129,16 +132,26 @@ def measure(certificate: Path, folder: Path) -> Measurement:
         FlatsatError: a process did not start, died, or sent less than it should.
     """
     period = Certificate.load(certificate).period
+    commands = _commands(certificate, period)
+    with heard(commands, folder / "log", lambda: Stage(list(commands))) as (stage, executor, players):
+        return _rounds(stage, executor, players, period)
+
+
+@contextmanager
+def heard(
+    commands: dict[str, list[str]], logs: Path, listener: Callable[[], N]
+) -> Iterator[tuple[N, EventsExecutor, dict[str, subprocess.Popen[bytes]]]]:
+    """Lend running processes, by name, and a node of this process beside them with the executor that serves it."""
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     executor = EventsExecutor()
     try:
-        with running(_commands(certificate, period), folder / "log") as players:
-            stage = Stage(list(players))
-            executor.add_node(stage)
+        with running(commands, logs) as processes:
+            node = listener()
+            executor.add_node(node)
             try:
-                return _rounds(stage, executor, players, period)
+                yield node, executor, processes
             finally:
-                stage.destroy_node()
+                node.destroy_node()
     finally:
         executor.shutdown()
         rclpy.try_shutdown()

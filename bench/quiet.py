@@ -33,7 +33,8 @@ from flatsat_ros.certificate.flight import Axis
 from flatsat_ros.certificate.flight_plant import Design, Plant
 from flatsat_ros.certificate.flight_tube import AxisTube
 from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
-from flatsat_ros.demo.scenario import LEG_TIME, MU, PAPER_WAYPOINTS
+from flatsat_ros.demo.scenario import LEG_TIME, PAPER_WAYPOINTS
+from flatsat_ros.flight.defaults import MU
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import Policy

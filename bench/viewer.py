@@ -21,12 +21,10 @@ from typing import NamedTuple
 
 import numpy as np
 import processes
-import rclpy
 from geometry_msgs.msg import Twist
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message, serialize_message
-from rclpy.signals import SignalHandlerOptions
 from report import Quartiles, quartiles
 from tqdm import tqdm
 
@@ -192,19 +190,8 @@ def console_cost(folder: Path) -> ConsoleCost:
         "controller": _node("controller_node", *robots, "-p", "certificate:=cf21_50hz"),
         SUBSCRIBER: [sys.executable, str(Path(__file__).with_name("subscriber.py")), "--ros-args", *robots],
     }
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    executor = EventsExecutor()
-    try:
-        with processes.running(commands, folder / "log") as nodes:
-            watcher = Watcher()
-            executor.add_node(watcher)
-            try:
-                return _rounds(watcher, executor, nodes, folder)
-            finally:
-                watcher.destroy_node()
-    finally:
-        executor.shutdown()
-        rclpy.try_shutdown()
+    with processes.heard(commands, folder / "log", Watcher) as (watcher, executor, nodes):
+        return _rounds(watcher, executor, nodes, folder)
 
 
 def _node(module: str, *arguments: str) -> list[str]:

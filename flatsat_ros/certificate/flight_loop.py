@@ -28,7 +28,6 @@ bounds are bounds of Euclidean norms of vectors over the axes that share their f
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -40,20 +39,7 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import require, require_not_negative
 from flatsat_ros.certificate.enclosures import Numbers, concatenate, decimal, filled
 from flatsat_ros.certificate.flight_plant import CommandTiming, Design, Pieces, Plant, PlantEquation
-
-# Commands under way; more make loops that no design is for.
-_DEPTH = 40
-
-
-def require_few_under_way(delays: Iterable[float], period: float) -> None:
-    """Require that delays, s, are at most as many periods, s, as there may be commands under way.
-
-    Raises:
-        FlatsatError: one is longer.
-    """
-    most = _DEPTH * period
-    for delay in delays:
-        require(delay <= most, "delay", delay, "s", f"at most {most:.6g} s, {_DEPTH} periods")
+from flatsat_ros.certificate.sampled_loop import require_few_under_way
 
 
 class DesignedLoop(ABC):
@@ -297,7 +283,8 @@ class FlightLoop(DesignedLoop):
         require_not_negative("pose_age", self.pose_age, "s")
         period = self.design.period
         require(self.pose_age <= period, "pose_age", self.pose_age, "s", f"at most the period, {period:g} s")
-        require_few_under_way((self.plant.delay, self.design.model.delay), period)
+        for delay in (self.plant.delay, self.design.model.delay):
+            require_few_under_way("delay", delay, period)
 
     @property
     def body(self) -> PlantEquation:

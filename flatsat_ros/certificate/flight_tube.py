@@ -22,8 +22,8 @@ from flatsat_ros.certificate.enclosures import UP, decimal, upper
 from flatsat_ros.certificate.flight_batch import side_by_side
 from flatsat_ros.certificate.flight_bounds import CellBounds, Drives
 from flatsat_ros.certificate.flight_cell import PlantBox
-from flatsat_ros.certificate.flight_loop import require_few_under_way
 from flatsat_ros.certificate.flight_plant import Design, Plant
+from flatsat_ros.certificate.sampled_loop import require_few_under_way
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,8 @@ def cell_bounds(
     """
     if not pose_age <= 2.0 * design.period:
         raise refusal("pose_age", pose_age, "s", f"at most two periods, {2.0 * design.period:g} s")
-    require_few_under_way([design.model.delay, *(box.high.delay for box in boxes)], design.period)
+    for delay in (design.model.delay, *(box.high.delay for box in boxes)):
+        require_few_under_way("delay", delay, design.period)
     for box in boxes:
         if not box.within_periods(design.period):
             raise FlatsatError(f"delays from {box.low.delay} to {box.high.delay} s: must have no whole period inside")

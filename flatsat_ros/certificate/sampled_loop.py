@@ -30,8 +30,18 @@ from flatsat_ros.certificate.lyapunov import largest_relative_eigenvalue
 # A delay this close to whole periods, relative to one, is whole: 0.3 s are three periods of 0.1 s.
 _WHOLE = 1e-9
 
-# Commands in flight; more make matrices that no solver handles.
+# Commands under way; more make loops that no solver handles and no design is for.
 _DEPTH = 40
+
+
+def require_few_under_way(name: str, delay: float, period: float) -> None:
+    """Refuse a delay of more periods, all in s, than commands can be under way; the name is for the text.
+
+    Raises:
+        FlatsatError: it is longer.
+    """
+    most = _DEPTH * period
+    require(delay <= most, name, delay, "s", f"at most {most:.6g} s, {_DEPTH} periods")
 
 
 @dataclass(frozen=True)
@@ -55,8 +65,8 @@ class Timing:
         object.__setattr__(self, "period", require_positive("period (h)", self.period, "s"))
         for name, symbol in (("lag", "tau"), ("delay", "d")):
             object.__setattr__(self, name, require_not_negative(f"{name} ({symbol})", getattr(self, name), "s"))
-        most, least = _DEPTH * self.period, 1e-3 * self.period
-        require(self.delay <= most, "delay (d)", self.delay, "s", f"at most {most:.6g} s, {_DEPTH} periods")
+        require_few_under_way("delay (d)", self.delay, self.period)
+        least = 1e-3 * self.period
         require(
             self.lag == 0.0 or self.lag >= least, "lag (tau)", self.lag, "s", f"0 or at least {least:.6g} s (h/1000)"
         )

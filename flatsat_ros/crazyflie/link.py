@@ -13,6 +13,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
+from flatsat_ros.base.constants import FARTHEST_PLACE
 from flatsat_ros.base.errors import quoted, refusal, require
 from flatsat_ros.crazyflie.wire import WireSetpoint, YawMode
 
@@ -25,7 +26,6 @@ REST = WireSetpoint(0.0, 0.0, 0.0, 0.0)
 QUALITY = "link quality %"  # what it is called among the values that a link reports
 # link quality, %, at which a drone's reception is poor, or so bad that it must land; for so long, s
 POOR_QUALITY, BAD_QUALITY, QUALITY_HOLD = 90.0, 80.0, 3.0
-FARTHEST = 1e4  # m: nothing in a flying room is farther
 _UNIT = 0.1  # of a quaternion's length: 16 bits for each number leave 0.001
 _FLOAT_MAX = float(np.finfo(np.float32).max)
 
@@ -118,10 +118,11 @@ def require_pose(position: Sequence[float], quaternion: Sequence[float]) -> None
         quaternion: (4,) x, y, z, w.
 
     Raises:
-        FlatsatError: a number is not finite, the place is beyond FARTHEST, or the quaternion is not of unit length.
+        FlatsatError: a number is not finite, the place is beyond FARTHEST_PLACE, or the quaternion not of unit length.
     """
     length = math.sqrt(sum(value * value for value in quaternion))
-    require(all(abs(value) <= FARTHEST for value in position), "position", position, "m", f"within {FARTHEST:g} m")
+    inside, valid = all(abs(value) <= FARTHEST_PLACE for value in position), f"within {FARTHEST_PLACE:g} m"
+    require(inside, "position", position, "m", valid)
     require(abs(length - 1.0) <= _UNIT, "length of the quaternion", length, "", f"1, up to {_UNIT:g}")
 
 

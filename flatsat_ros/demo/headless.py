@@ -13,13 +13,13 @@ from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint, input_from_setpoint
 from flatsat_ros.demo.choreography import Stage, perform
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
-from flatsat_ros.demo.scenario import GAMMA_0, MU, POSE_NOISE, V_INF, VEHICLE, Scenario, record_of
+from flatsat_ros.demo.scenario import POSE_NOISE, VEHICLE, Scenario, record_of
 from flatsat_ros.flight import telemetry
+from flatsat_ros.flight.defaults import default_tuning
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
-from flatsat_ros.law.gain import Tuning
 from flatsat_ros.planning.gathering import first_proved
 from flatsat_ros.plans.gathering import Move
 from flatsat_ros.plans.performance import PATIENCE, Performance, PlanPhase
@@ -75,7 +75,7 @@ class _Simulation(Stage):
         count, certificate = len(scenario.robots), scenario.certificate
         self._scenario, self._observer = scenario, observe
         self._vehicle = load_vehicle(VEHICLE)
-        tuning = Tuning(MU, V_INF, GAMMA_0, certificate.gain_max, restart=not scenario.paper)
+        tuning = default_tuning(certificate, restart=not scenario.paper)
         self._pilot = Pilot(certificate, tuning, scenario.policy, count)
         self._fleet = SimulatedFleet(
             self._vehicle,

@@ -14,7 +14,8 @@ from pathlib import Path
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.files import make_folder
 from flatsat_ros.crazyflie.fit import LINK_DELAY
-from flatsat_ros.demo.scenario import GAMMA_0, MU, POSE_NOISE, V_INF, VEHICLE, Scenario
+from flatsat_ros.demo.scenario import POSE_NOISE, VEHICLE, Scenario
+from flatsat_ros.flight.defaults import GAMMA_0, MU, V_INF
 
 _GOODBYE = 5.0  # s, that a node has to end by itself, and once more after a second signal, before it is killed
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, Certificate
 from flatsat_ros.crazyflie.fit import LINK_DELAY, require_fit
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.demo.record import FlightRecord, RobotRecord
+from flatsat_ros.flight.defaults import DISTURBANCE_MAX, V_INF, default_policy
 from flatsat_ros.flight.path_limits import ReferenceBox
 from flatsat_ros.flight.policy import GoalMode, Policy
 from flatsat_ros.flight.preview import needed_margin
@@ -28,11 +29,8 @@ from flatsat_ros.plans.prepared import PreparedPlan
 PAPER_WAYPOINTS = np.array([[0.0, -0.6, 1.0], [0.6, 0.6, 1.0], [-0.6, 0.6, 1.0]])
 _NEIGHBOUR_DISTANCE = 1.25  # m, between neighbours on the ring that replaces the triangle for more drones
 LEG_TIME = 4.0  # s from one way-point to the next; the paper prints none
-MU, V_INF, GAMMA_0 = 2.0, 0.05, 1.0  # Table III
 VEHICLE = "cf21"
 POSE_NOISE = 1e-4  # m, standard deviation of the simulated motion capture: certificates take five of them for granted
-DISTURBANCE_MAX = 0.8  # m/s^2, that the controller compensates by default
-THRUST_ERROR_MAX = 0.25  # that it corrects by default
 LEAD = 0.5  # s from sending the trajectories to their start
 _BESIDE = 0.06  # m, that drones of a plan stand farther apart than the rules of take-off and landing keep them
 _SEPARATION_MIN = 0.1  # m
@@ -140,7 +138,7 @@ def plan(
         dynamics=dynamics,
         policy=Policy(goal_mode=GoalMode.STEP, disturbance_max=DISTURBANCE_MAX if offset_free else 0.0)
         if paper
-        else Policy(disturbance_max=DISTURBANCE_MAX, thrust_error_max=THRUST_ERROR_MAX, drag=drag),
+        else default_policy(drag),
         paper=paper,
     )
 
@@ -171,10 +169,7 @@ def planned_flight(path: Path, wind: float = 0.0) -> Scenario:
     gathering = np.array([swap.sample(0.0)[:3] for swap in swaps])
     lowest = min(float(swap.bounds()[0][2]) for swap in swaps)
     floor = 0.0 if lowest >= _LOWEST else math.floor(10.0 * (lowest - _BELOW)) / 10.0
-    policy = Policy(
-        disturbance_max=DISTURBANCE_MAX, thrust_error_max=THRUST_ERROR_MAX, drag=dynamics.drag_z, floor=floor,
-        separation=_separation(prepared.plan),
-    )  # fmt: skip
+    policy = replace(default_policy(dynamics.drag_z), floor=floor, separation=_separation(prepared.plan))
     _require_inside(policy.box, robots, swaps)
     start = gathering * (1.0, 1.0, 0.0) + (0.0, 0.0, floor)
     apart = policy.separation + _BESIDE

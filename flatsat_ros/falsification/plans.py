@@ -21,11 +21,11 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight_tube import Assumptions
 from flatsat_ros.crazyflie.fit import LINK_DELAY, require_fit
 from flatsat_ros.crazyflie.vehicle import load_vehicle
+from flatsat_ros.flight.defaults import default_tuning
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
-from flatsat_ros.law.gain import Tuning
 from flatsat_ros.plans.plan import Plan
 from flatsat_ros.plans.tubes import require_tubes
 from flatsat_ros.sim.closed_loop import fly
@@ -38,7 +38,6 @@ _DRONES = 720  # flown at once, about: more of them cost less each
 _BESIDE = 30.0  # m, between copies of a plan
 _GIVEN, _SETTLED = 0.5, 1.5  # s, when the references are given, and begin: drones are in their tubes, not yet at rest
 _FAR = 1e5  # m, walls and ceiling
-_TUNING = (2.0, 0.05, 1.0)  # mu, V_inf, gamma_0: the controller's defaults
 _OF_NOISE = 1.0 / 4.0  # standard deviation over the bound that the certificate assumes
 # of the assumed disturbance and its rate, what the wind makes; the rest is the drones' own motion through the air
 _OF_DISTURBANCE, _OF_RATE = 0.4, 0.4
@@ -99,8 +98,7 @@ def attack(plan: Plan, certificate: Certificate, seed: int) -> Attack:
         disturbance_max=flight.disturbance, drag=vehicle.dynamics.drag_z, separation=1e-3, ceiling=_FAR, floor=-_FAR,
         walls=(-_FAR, -_FAR, _FAR, _FAR),
     )  # fmt: skip
-    mu, threshold, initial = _TUNING
-    pilot = Pilot(certificate, Tuning(mu, threshold, initial, certificate.gain_max), policy, len(paths))
+    pilot = Pilot(certificate, default_tuning(certificate), policy, len(paths))
     watch = _Watch(plan, copies)
     blow = _wind(random, flight.disturbance, flight.assumptions.disturbance_rate, vehicle.dynamics.drag_xy)
 

@@ -11,6 +11,7 @@ from enum import Enum
 
 import numpy as np
 
+from flatsat_ros.base.constants import FARTHEST_PLACE
 from flatsat_ros.flight.stillness import REPEATED, Stillness
 
 # a stamp may be ahead of the arrival by this much, s: clocks of two machines differ a little
@@ -19,8 +20,6 @@ _AHEAD = 0.1
 # age, s, are told of if they last for the third, s: more delay than any certificate here allows for
 _BEHIND = 0.5
 _LATE, _LATE_FOR = 0.15, 0.5
-# sum of coordinates, m, beyond which a position is a fault
-_FARTHEST = 1e4
 # a drone that moves faster than this, m/s, is never twice in the same place
 _MOVES = 0.05
 # an orientation in the air that has turned about the vertical by this, rad, and this rate, rad/s, and in any time by
@@ -84,7 +83,7 @@ class PoseScreen:
             airborne: it is steered in the air.
         """
         x, y, z = position
-        if not abs(x) + abs(y) + abs(z) <= _FARTHEST or not math.isfinite(stamp):
+        if not abs(x) + abs(y) + abs(z) <= FARTHEST_PLACE or not math.isfinite(stamp):
             return PoseRefusal.NOT_FINITE, ()
         if stamp > now + _AHEAD:
             return PoseRefusal.AHEAD, (stamp - now,)

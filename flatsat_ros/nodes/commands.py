@@ -14,10 +14,7 @@ from flatsat_ros.crazyflie.wire import Backend, WireSetpoint, YawMode, setpoint_
 from flatsat_ros.flight.tick import Command
 from flatsat_ros.nodes.last_resort import LastResort
 from flatsat_ros.nodes.ros import interfaces, messages
-from flatsat_ros.nodes.ros.runtime import ProgramNode
-
-# how long the last commands may take to be acknowledged, s
-_ENDING_TIME = 0.5
+from flatsat_ros.nodes.ros.runtime import ENDING_TIME, ProgramNode
 
 
 class Commands:
@@ -75,7 +72,7 @@ class Commands:
 
     def flush(self) -> None:
         """Wait until what was sent is acknowledged, for a limited time."""
-        end = time.monotonic() + _ENDING_TIME
+        end = time.monotonic() + ENDING_TIME
         for publisher in self._publishers:
             publisher.wait_for_all_acked(Duration(seconds=max(end - time.monotonic(), 0.0)))
 

@@ -15,7 +15,7 @@ from flatsat_ros.identification.recording import Recording, read_csv
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.bag import read_bag
 from flatsat_ros.nodes.ros.parameters import declare, declare_robot_name, require_known_parameters
-from flatsat_ros.nodes.ros.runtime import ProgramNode, run
+from flatsat_ros.nodes.ros.runtime import ENDING_TIME, ProgramNode, run
 
 # stamps stay as far apart as they were recorded while the clock is not set by more than this, ns
 _CLOCK_TOLERANCE = 50_000_000
@@ -23,8 +23,6 @@ _CLOCK_TOLERANCE = 50_000_000
 _PATIENCE = 0.05
 # from the first subscription to the first pose, s
 _SETTLING = 0.5
-# how long the last poses may take to be acknowledged, s
-_ENDING_TIME = 0.5
 
 
 class MocapPlayer(ProgramNode):
@@ -71,7 +69,7 @@ class MocapPlayer(ProgramNode):
 
     def finish(self) -> None:
         """Let the last poses arrive."""
-        self._publisher.wait_for_all_acked(Duration(seconds=_ENDING_TIME))
+        self._publisher.wait_for_all_acked(Duration(seconds=ENDING_TIME))
 
     def _on_timer(self) -> None:
         now = time.monotonic_ns()

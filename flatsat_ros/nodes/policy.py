@@ -7,6 +7,7 @@ from typing import Any
 from rclpy.node import Node
 
 from flatsat_ros.base.errors import require
+from flatsat_ros.flight.defaults import DISTURBANCE_MAX, THRUST_ERROR_MAX
 from flatsat_ros.flight.estimator import PREDICTION_MAX
 from flatsat_ros.flight.policy import GoalMode, Policy, YawSource
 from flatsat_ros.nodes.ros.parameters import declare, declare_choice
@@ -21,9 +22,11 @@ _FIGURES = (
     ("floor", "height of the floor", "m", Policy.floor, (-1e3, 1e3)),
     ("ceiling", "largest height of a reference", "m", Policy.ceiling, (-1e3, 1e3)),
     ("separation", "least distance of two drones, vertically twice as much", "m", Policy.separation, (0.05, 10.0)),
-    ("disturbance_max", "largest disturbance that is compensated; 0 is the paper's law", "m/s^2", 0.8, (0.0, 100.0)),
-    ("thrust_error_max", "largest error of the thrust that is estimated and corrected; 0: none", "", 0.25, (0.0, 0.5)),
-)
+    ("disturbance_max", "largest disturbance that is compensated; 0 is the paper's law", "m/s^2", DISTURBANCE_MAX,
+     (0.0, 100.0)),
+    ("thrust_error_max", "largest error of the thrust that is estimated and corrected; 0: none", "", THRUST_ERROR_MAX,
+     (0.0, 0.5)),
+)  # fmt: skip
 
 
 def declare_policy(node: Node, drag: float) -> Policy:

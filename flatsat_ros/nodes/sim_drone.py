@@ -37,7 +37,7 @@ from flatsat_ros.nodes.server_commands import Drone, ServerCommands
 from flatsat_ros.sim.dynamics import Wind
 from flatsat_ros.sim.firmware import Firmware
 from flatsat_ros.sim.fleet import SimulatedFleet
-from flatsat_ros.sim.power import Battery
+from flatsat_ros.sim.power import BATTERY_PERIOD, Battery
 from flatsat_ros.sim.proximity import STILL, Proximity
 from flatsat_ros.sim.sensor import MotionCapture
 from flatsat_ros.sim.state_machine import State
@@ -46,7 +46,6 @@ from flatsat_ros.sim.state_machine import State
 _TICK = 0.005
 # the most that is caught up at once, s: less than the silence after which the firmware levels out
 _CATCH_UP = 0.25
-_BATTERY_PERIOD = 1.0  # s
 
 
 class Measured(NamedTuple):
@@ -105,7 +104,7 @@ class SimDrone(ProgramNode):
         self._seen = self._epoch = self._started = self.get_clock().now().nanoseconds
         ServerCommands(self, self.drones, self._advance)
         self.create_timer(_TICK, self._advance)
-        self.create_timer(_BATTERY_PERIOD, self._publish_batteries)
+        self.create_timer(BATTERY_PERIOD, self._publish_batteries)
         Diagnostics(self, self._report)
         self.get_logger().info(f"simulating {', '.join(self.robots)}")
 

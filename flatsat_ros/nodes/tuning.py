@@ -11,6 +11,7 @@ from rclpy.parameter import Parameter
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.certificate.certificate import Certificate
+from flatsat_ros.flight.defaults import GAMMA_0, MU, V_INF
 from flatsat_ros.law.controller import Controller
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.nodes.ros import messages
@@ -18,9 +19,9 @@ from flatsat_ros.nodes.ros.parameters import declare, declare_override, require_
 
 # parameter, what it means, unit, default and range; Tuning's fields in order
 _TUNING = (
-    ("mu", "adaptation rate mu of the gain; 0 keeps it constant", "1/s", 2.0, (0.0, 100.0)),
-    ("v_inf", "threshold V_inf below which the gain rests", "", 0.05, (1e-9, 1e9)),
-    ("gamma_0", "gain gamma_0 at take-off", "", 1.0, (1.0, 1e6)),
+    ("mu", "adaptation rate mu of the gain; 0 keeps it constant", "1/s", MU, (0.0, 100.0)),
+    ("v_inf", "threshold V_inf below which the gain rests", "", V_INF, (1e-9, 1e9)),
+    ("gamma_0", "gain gamma_0 at take-off", "", GAMMA_0, (1.0, 1e6)),
     ("gamma_max", "cap of the gain, at most the certificate's; 0 takes the certificate's", "", 0.0, (0.0, 1e6)),
     ("nu", "leak of the gain toward 1, at most 1/period; 0 is the paper's law", "1/s", 0.0, (0.0, 1e3)),
 )

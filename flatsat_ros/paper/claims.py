@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from flatsat_ros.certificate.gain_bounds import continuous_gain_bound, settling_time_bound
 from flatsat_ros.demo import scenario as demo_scenario
 from flatsat_ros.demo.record import PAPER_RMS, RMS_LIMIT
+from flatsat_ros.flight import defaults
 from flatsat_ros.paper.numbers import INPUT
 from flatsat_ros.paper.runs import (
     ADAPTATION_RATES,
@@ -179,9 +180,7 @@ def test_2(table: Table, runs: Runs) -> None:
     """Test 2 with simulated Crazyflies."""
     table.at("Table III, Test 2")
     robots = runs.flight.summary()["robots"]
-    table.number(
-        "gamma_0, mu, V_inf", "1.0, 2.0, 0.05", [demo_scenario.GAMMA_0, demo_scenario.MU, demo_scenario.V_INF], INPUT
-    )
+    table.number("gamma_0, mu, V_inf", "1.0, 2.0, 0.05", [defaults.GAMMA_0, defaults.MU, defaults.V_INF], INPUT)
     begin = runs.flight.swap[0]
     places = np.array([robot.reference.sample(begin)[:2] for robot in runs.flight.robots.values()])
     table.number("way-points, x and y, 10 cm", "0, -6, 6, 6, -6, 6", (10.0 * places).ravel().tolist(), INPUT)

@@ -19,13 +19,13 @@ from flatsat_ros.base.errors import (
 )
 from flatsat_ros.certificate.flight import FlightSection
 from flatsat_ros.law.input_set import InputSet
-from flatsat_ros.plans import Bounds, Box, Curve, Tube
+from flatsat_ros.plans import Bounds, Box, Curve, Tube, curve
 from flatsat_ros.plans.drone import require_name
 from flatsat_ros.plans.laps import require_laps
 from flatsat_ros.plans.obstacles import require_distinct
 from flatsat_ros.plans.plan import require_downwash
 
-FARTHEST = 500.0  # m from the origin, along each axis
+_FARTHEST = curve.FARTHEST / 1e9  # m from the origin, along each axis
 _APART = 1e-3  # m: way-points that follow each other are at least so far apart, or a leg has no length
 _DURATION = 3600.0  # s, at most
 
@@ -68,7 +68,7 @@ class Asked:
         if waypoints.ndim != 2 or len(waypoints) < 2:
             raise refusal(f"shape of the way-points of {self.name}", waypoints.shape, "", "(W, 3) with W >= 2")
         farthest = float(np.abs(waypoints).max())
-        require(farthest <= FARTHEST, f"a way-point of {self.name}", farthest, "m", f"within {FARTHEST:g} m")
+        require(farthest <= _FARTHEST, f"a way-point of {self.name}", farthest, "m", f"within {_FARTHEST:g} m")
         object.__setattr__(self, "waypoints", np.round(waypoints, 9))  # nanometres, as in a plan
         if self.radii is not None:
             radii = finite_array(f"radii of {self.name}", self.radii)

@@ -14,6 +14,7 @@ from flatsat_ros.sim.dynamics import STEP
 # the firmware low-passes the battery voltage with 0.01 per millisecond (stabilizer.c, batteryCompensation)
 _SUPPLY_FILTER = 1.0 - 0.99 ** (STEP / 0.001)
 
+BATTERY_PERIOD = 1.0  # s, between two battery messages of a drone, as crazyswarm2's server sends them by default
 _SUPPLY_MIN = 2.0  # V: below it the firmware takes the battery for broken (motors.c, motorsCompensateBatteryVoltage)
 
 

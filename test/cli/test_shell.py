@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from ctrl_c import ctrl_c_at
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.interrupts import STOPPING, signals_held
@@ -369,21 +370,9 @@ def test_a_certificate_is_made_where_ros_is_not_installed(tmp_path: Path, group:
     assert Certificate.load(target).limits.thrust_max == 14.0
 
 
-# a finder that lets Ctrl-C come while a certain module is being looked for
-CTRL_C_AT = """
-import signal, sys
-class Finder:
-    def find_spec(self, name, path=None, target=None):
-        if name == {module!r}:
-            sys.meta_path.remove(self)
-            signal.raise_signal(signal.SIGINT)
-sys.meta_path.insert(0, Finder())
-"""
-
-
 @pytest.mark.parametrize("module", ["numpy.linalg", "scipy.sparse.linalg", "cvxpy", "cvxpy.reductions.solvers.defines"])
 def test_ctrl_c_while_imports_run_is_130_without_a_traceback(module: str, group: list[subprocess.Popen[str]]) -> None:
-    group.append(start(*CERTIFY, before=f"exec({CTRL_C_AT.format(module=module)!r})"))
+    group.append(start(*CERTIFY, before=f"exec({ctrl_c_at(module)!r})"))
     assert group[-1].communicate(timeout=120) == ("", "stopped\n")
     assert group[-1].returncode == 130
 

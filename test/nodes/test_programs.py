@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from ctrl_c import ctrl_c_at
 
 from flatsat_ros.nodes import programs
 
@@ -50,21 +51,9 @@ def test_another_missing_library_is_named_without_a_hint_to_ros(
     assert capsys.readouterr().err == "error: No module named 'tqdm'\n"
 
 
-# a finder that lets Ctrl-C come while a certain module is being looked for
-CTRL_C_AT = """
-class Finder:
-    def find_spec(self, name, path=None, target=None):
-        if name == {module!r}:
-            sys.meta_path.remove(self)
-            signal.raise_signal(signal.SIGINT)
-sys.meta_path.insert(0, Finder())
-"""
-
-
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("module", ["numpy", "rclpy.node"])
 def test_ctrl_c_while_imports_run_is_130_without_a_traceback(name: str, module: str) -> None:
-    start = f"import signal, sys\nfrom flatsat_ros.nodes import programs\n{CTRL_C_AT.format(module=module)}\n"
-    script = f"{start}sys.exit(programs.{name}([{name!r}]))"
+    script = f"from flatsat_ros.nodes import programs\n{ctrl_c_at(module)}\nsys.exit(programs.{name}([{name!r}]))"
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False)
     assert (run.returncode, run.stdout, run.stderr) == (130, "", "stopped\n")

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from setpoint_stream import stream
 
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
@@ -32,14 +33,6 @@ def grounded(profile: VehicleProfile = CF21, **options: Any) -> SimulatedFleet:
 
 def flying(height: float = 50.0, **options: Any) -> SimulatedFleet:
     return SimulatedFleet(CF21, 1, dynamics="ideal", start=[[0.0, 0.0, height]], flying=True, **options)
-
-
-def stream(fleet: SimulatedFleet, seconds: float, thrust: float, roll: float = 0.0, yaw_rate: float = 0.0) -> None:
-    """Send a set-point every 10 ms."""
-    start = fleet.time
-    for k in range(round(seconds * 100)):
-        fleet.command(0, roll, 0.0, yaw_rate, thrust)
-        fleet.advance_to(start + (k + 1) / 100)
 
 
 def silence(fleet: SimulatedFleet, seconds: float) -> None:

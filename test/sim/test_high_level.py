@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from setpoint_stream import stream
 
 from flatsat_ros.base.constants import GRAVITY
 from flatsat_ros.crazyflie.vehicle import VehicleProfile
@@ -47,18 +48,8 @@ def hovering(**options: Any) -> SimulatedFleet:
 def streamed(height: float = 3.0) -> SimulatedFleet:
     """Return a drone that has been flown by set-points for a second."""
     fleet = SimulatedFleet(CF21, 1, start=[[0.0, 0.0, height]], flying=True)
-    stream(fleet, 1.0)
+    stream(fleet, 1.0, HOVER)
     return fleet
-
-
-def stream(
-    fleet: SimulatedFleet, seconds: float, thrust: float = HOVER, roll: float = 0.0, yaw_rate: float = 0.0
-) -> None:
-    """Send a set-point every 10 ms."""
-    start = fleet.time
-    for k in range(round(seconds * 100)):
-        fleet.command(0, roll, 0.0, yaw_rate, thrust)
-        fleet.advance_to(start + (k + 1) / 100)
 
 
 def wait(fleet: SimulatedFleet, seconds: float) -> None:
@@ -222,7 +213,7 @@ def test_a_command_among_streamed_set_points_is_forgotten_with_the_next_one() ->
     fleet.go_to(0, [1.0, 0.0, 3.0], 0.0, 1.0)
     wait(fleet, 0.004)
     assert fleet.firmware.high_level.following[0]
-    stream(fleet, 0.02)
+    stream(fleet, 0.02, HOVER)
     assert not fleet.firmware.high_level.following[0]
     fleet.notify_setpoints_stop(0)
     wait(fleet, 0.03)
@@ -252,7 +243,7 @@ def test_streamed_set_points_take_over_at_once_but_with_thrust_only_if_it_was_un
     wait(fleet, 6.0)
     assert height(fleet) == pytest.approx(1.0, abs=0.1)
     before = height(fleet)
-    stream(fleet, 0.3, roll=10.0, yaw_rate=90.0)
+    stream(fleet, 0.3, HOVER, roll=10.0, yaw_rate=90.0)
     assert off(fleet) != unlocked
     if unlocked:
         assert height(fleet) == pytest.approx(before, abs=0.05)
@@ -277,7 +268,7 @@ def test_stop_leaves_streamed_set_points_alone() -> None:
     """commander.c commanderSetSetpoint: the null set-point of the stopped planner has the lower priority."""
     fleet = streamed()
     fleet.firmware.high_level.stop(0)
-    stream(fleet, 0.1)
+    stream(fleet, 0.1, HOVER)
     assert not off(fleet)
 
 

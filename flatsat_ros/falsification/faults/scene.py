@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,28 +18,24 @@ from flatsat_ros.crazyflie.vehicle import VehicleProfile, load_vehicle
 from flatsat_ros.crazyflie.wire import WireSetpoint, setpoint_from_command
 from flatsat_ros.falsification.faults.criteria import DroneOutcome, Remark
 from flatsat_ros.falsification.faults.record import Record
+from flatsat_ros.flight.defaults import default_policy, default_tuning
 from flatsat_ros.flight.modes import AIRBORNE, Mode
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import Policy, YawSource
 from flatsat_ros.flight.stamps import StampClock
 from flatsat_ros.flight.tick import Tick
-from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.closed_loop import fly
 from flatsat_ros.sim.faults import FaultyLink, PoseFault
 from flatsat_ros.sim.fleet import SimulatedFleet
+from flatsat_ros.sim.power import BATTERY_PERIOD
 from flatsat_ros.sim.sensor import MotionCapture, Sample
 
 VEHICLE = "cf21"
 NOISE = 5e-4  # m, standard deviation of the motion capture
 EPOCH = 1_700_000_000  # s, what the clocks show at the beginning
-# tuning, and what the policy has beside its own defaults, as the controller's parameters are by default
-_TUNING = (2.0, 0.05, 1.0)
-_DISTURBANCE_MAX = 0.8  # m/s^2
-_THRUST_ERROR_MAX = 0.25
 # s, that the landings may take when the controller is ended
 _SHUTDOWN_TIME_MAX = 60.0
 _ROUNDING = 1e-6  # s
-_BATTERY_PERIOD = 1.0  # s, between two battery messages of a drone, as crazyswarm2's server sends them by default
 TEXT = 160  # letters of a remark
 _LOOK_EVERY = 10  # steps of integration between two looks at distances
 
@@ -70,12 +67,7 @@ def told(tick: Tick) -> Iterator[tuple[int, str]]:
 
 def policy_of(vehicle: VehicleProfile, yaw_source: YawSource = YawSource.MEASURED) -> Policy:
     """Return the policy that the controller has by default for drones of this kind, with another source of yaws."""
-    return Policy(
-        disturbance_max=_DISTURBANCE_MAX,
-        thrust_error_max=_THRUST_ERROR_MAX,
-        drag=vehicle.dynamics.drag_z,
-        yaw_source=yaw_source,
-    )
+    return replace(default_policy(vehicle.dynamics.drag_z), yaw_source=yaw_source)
 
 
 class Scene:
@@ -157,7 +149,7 @@ class Scene:
 
     def start_controller(self) -> None:
         """Start the controller, with a pilot that knows of nothing."""
-        tuning = Tuning(*_TUNING, self.certificate.gain_max)
+        tuning = default_tuning(self.certificate)
         self.pilot = Pilot(self.certificate, tuning, self._policy, self.fleet.count)
         self._started = self.fleet.time
         # methods, which a copy of this flight takes along; a lambda would read the clocks of the original
@@ -281,7 +273,7 @@ class Scene:
         """Let the drones that are on report their batteries when that is due."""
         if self.pilot is None or now < self._battery_due - _ROUNDING:
             return
-        self._battery_due = now + _BATTERY_PERIOD
+        self._battery_due = now + BATTERY_PERIOD
         for drone in map(int, np.flatnonzero(self.fleet.firmware.powered)):
             voltage = self.readings.get(drone, float(self.fleet.power.voltage[drone]))
             self.pilot.note_battery(drone, voltage, self.vehicle.battery, now)

@@ -11,21 +11,18 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.crazyflie.wire import WireSetpoint
 from flatsat_ros.falsification.ordinary.drawn import Drawn, Start
+from flatsat_ros.flight.defaults import default_policy, default_tuning
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.pilot import Pilot
-from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.preview import needed_margin
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
-from flatsat_ros.law.gain import Tuning
 from flatsat_ros.planning.spline import gentle_spline_through
 from flatsat_ros.sim.closed_loop import fly
 from flatsat_ros.sim.fleet import SimulatedFleet
+from flatsat_ros.sim.power import BATTERY_PERIOD
 from flatsat_ros.sim.sensor import Sample
 
-# tuning, and what the policy has beside its own defaults, as the controller's parameters are by default
-_TUNING = (2.0, 0.05, 1.0)
-_DISTURBANCE_MAX, _THRUST_ERROR_MAX = 0.8, 0.25
 _STANDING, _TAKEN = 1.0, 0.3  # s before the first take-off, and before a drone is taken over in the air
 _DISARMS = 3.0  # s after a landing, in which the firmware disarms a drone that a person must arm
 _PATIENCE, _LANDING = 40.0, 30.0  # s until drones are where they were sent, or stand
@@ -35,7 +32,6 @@ _NEAR, _FAR = 0.25, 4.0  # m, of goals
 _LEG, _LONGER = 1.0, 1.15  # s, between points of a figure at first, and by how much slower it is tried next
 _EIGHT = np.linspace(0.0, 2.0 * np.pi, 9)
 _REST = 2.0, 4.0  # s at rest between two things
-_BATTERY_PERIOD = 1.0  # s
 _TABLE_ROOM = 0.2  # m, that drones are above a table which is put below them
 _RISEN = 0.1  # m: a drone so high has left the ground
 _ROUNDING = 1e-6  # s
@@ -82,10 +78,8 @@ class OrdinaryFlight:
         """Put the drones where they start."""
         certificate, vehicle, count = drawn.certificate, drawn.vehicle, len(drawn.places)
         self._drawn, self._count, self._random = drawn, count, np.random.default_rng([drawn.seed, 1])
-        policy = Policy(
-            disturbance_max=_DISTURBANCE_MAX, thrust_error_max=_THRUST_ERROR_MAX, drag=vehicle.dynamics.drag_z
-        )
-        self._pilot = Pilot(certificate, Tuning(*_TUNING, certificate.gain_max), policy, count)
+        policy = default_policy(vehicle.dynamics.drag_z)
+        self._pilot = Pilot(certificate, default_tuning(certificate), policy, count)
         self._fleet = SimulatedFleet(
             vehicle, count, start=drawn.places, yaw=drawn.yaw, flying=drawn.start is Start.AIR, seed=drawn.seed,
             floor=drawn.floor, wind=drawn.wind, capture=drawn.capture, battery=drawn.battery,
@@ -314,7 +308,7 @@ class OrdinaryFlight:
     def _observe(self, now: float, _samples: list[Sample], tick: Tick, _sent: dict[int, WireSetpoint]) -> None:
         bodies = self._fleet.bodies
         if now >= self._battery_due - _ROUNDING:
-            self._battery_due = now + _BATTERY_PERIOD
+            self._battery_due = now + BATTERY_PERIOD
             for index, voltage in enumerate(self._fleet.power.voltage.tolist()):
                 self._pilot.note_battery(index, voltage, self._drawn.vehicle.battery, now)
         for index, before, after, reason in tick.transitions:

@@ -15,6 +15,7 @@ import numpy as np
 from rclpy.serialization import deserialize_message
 
 from flatsat_ros.base.arrays import FloatArray
+from flatsat_ros.base.constants import FARTHEST_PLACE
 from flatsat_ros.base.errors import FlatsatError, one_line, refusal, require
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.ros.messages import NANOSECONDS
@@ -30,8 +31,8 @@ _SIZE_MAX = 1024
 
 _HEADER = 4  # bytes before the first field
 
-# nothing in a flying room is farther, faster or more sudden: m, m/s, m/s^2
-_FARTHEST, _FASTEST, _HARDEST = 1e4, 1e3, 1e3
+# nothing in a flying room is faster or more sudden: m/s, m/s^2
+_FASTEST, _HARDEST = 1e3, 1e3
 # a trajectory starts within this time of now, s: beyond, its stamp is of another clock
 _EARLIEST = 3600.0
 # a quaternion that was typed with one digit is no farther from unit length
@@ -145,7 +146,7 @@ def setpoint_from_cdr(data: bytes) -> Trajectory:
         FlatsatError: the bytes are not a PoseStamped, or a value is not finite or too large.
     """
     pose = pose_from_cdr(data)
-    _require_within("position", np.array([pose.position]), _FARTHEST, "m")
+    _require_within("position", np.array([pose.position]), FARTHEST_PLACE, "m")
     return Trajectory.hold(pose.position, yaw_from_quaternion(*pose.quaternion))
 
 
@@ -178,7 +179,7 @@ def trajectory_from_cdr(data: bytes, now: int, origin: int) -> Trajectory:
         raise FlatsatError(f"{len(data)} bytes are not a serialised trajectory: {error}") from error
     require(1 <= count <= POINTS_MAX, "number of points", count, "", f"1 to {POINTS_MAX}")
     points = _points(data, order, at + 4, count)
-    for name, most, unit in (("position", _FARTHEST, "m"), ("velocity", _FASTEST, "m/s"),
+    for name, most, unit in (("position", FARTHEST_PLACE, "m"), ("velocity", _FASTEST, "m/s"),
                              ("acceleration", _HARDEST, "m/s^2")):  # fmt: skip
         _require_within(name, points[name], most, unit)
     start = (sec * NANOSECONDS + nanosec) or now

@@ -33,6 +33,8 @@ from flatsat_ros.base.errors import FlatsatError, quoted
 from flatsat_ros.nodes.ros import messages
 from flatsat_ros.nodes.ros.faults import Faults
 
+# how long the last messages of a process may take to be acknowledged, s
+ENDING_TIME = 0.5
 # a signal is noticed within this time, s
 _PATIENCE = 0.1
 # a condition is looked at this often while a node shuts down, s
