@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import reprlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TypeGuard
 
 import numpy as np
@@ -30,6 +31,18 @@ def refusal(name: str, value: object, unit: str, valid: str) -> FlatsatError:
         valid: what would have been valid, after "must be".
     """
     return FlatsatError(f"{one_line(name, 150)} = {quoted(value)}{' ' if unit else ''}{unit}: must be {valid}")
+
+
+def nearest(word: str, known: Iterable[str], cutoff: float = 0.6) -> str:
+    """Return "; the nearest is X", for the end of a refusal: X is the known name most like a word. Empty for none.
+
+    Args:
+        word: that is not known.
+        known: names.
+        cutoff: how alike they must be, from 0 to 1, as `difflib` measures it.
+    """
+    near = difflib.get_close_matches(word, list(known), n=1, cutoff=cutoff)
+    return f"; the nearest is {near[0]}" if near else ""
 
 
 def require(holds: bool, name: str, value: object, unit: str, valid: str) -> None:

@@ -5,11 +5,10 @@ No ROS is involved, so that it works before anything is sourced.
 
 from __future__ import annotations
 
-import difflib
 import os
 from pathlib import Path
 
-from flatsat_ros.base.errors import FlatsatError, quoted
+from flatsat_ros.base.errors import FlatsatError, nearest, quoted
 from flatsat_ros.base.files import check_regular, user_path
 
 
@@ -44,9 +43,7 @@ def config_path(name_or_path: str | os.PathLike[str], folder: str = "") -> Path:
     else:
         if name in names:
             return packaged / f"{name}.yaml"
-        near = difflib.get_close_matches(name, names, n=1)
-        nearest = f"; the nearest is {near[0]}" if near else ""
-        missing = f"there is no packaged configuration {quoted(name)}{nearest}"
+        missing = f"there is no packaged configuration {quoted(name)}{nearest(name, names)}"
     raise FlatsatError(f"{missing}; packaged in {packaged}: {', '.join(names)}; or give the path of a .yaml file")
 
 

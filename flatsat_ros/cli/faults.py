@@ -96,12 +96,13 @@ def _certificate(arguments: argparse.Namespace) -> str:
 
 
 def _names(arguments: argparse.Namespace, faults: Mapping[str, object]) -> list[str]:
-    from flatsat_ros.base.errors import refusal
+    from flatsat_ros.base.errors import nearest, refusal
 
     if arguments.fault is None:
         return list(faults)
     if arguments.fault not in faults:
-        raise refusal("--fault", arguments.fault, "", f"one of {', '.join(faults)}")
+        valid = f"a fault that --help names{nearest(arguments.fault, faults)}"
+        raise refusal("--fault", arguments.fault, "", valid)
     return [arguments.fault]
 
 

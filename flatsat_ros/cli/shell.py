@@ -41,6 +41,11 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Refuse the command line."""
+        unknown = message.partition("unrecognized arguments: ")[2].split()
+        if unknown and unknown[0].startswith("-"):
+            from flatsat_ros.base.errors import nearest
+
+            message += nearest(unknown[0].partition("=")[0], self._option_string_actions)
         raise _CommandLineError(f"{message}; see --help")
 
     def print_help(self, file: Any = None) -> None:

@@ -5,13 +5,12 @@ The estimate is the truth. Pitch is that of the firmware's log: positive nose up
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterable
 
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.errors import refusal
+from flatsat_ros.base.errors import nearest, refusal
 from flatsat_ros.sim.fleet import SimulatedFleet
 
 _MILLI = 1000.0
@@ -62,5 +61,5 @@ def require_variables(names: Iterable[str]) -> None:
     """
     for name in names:
         if name not in VARIABLES:
-            near = difflib.get_close_matches(name, VARIABLES, n=1, cutoff=0.0)
-            raise refusal("log variable", name, "", f"one that the simulated drone has; the nearest is {near[0]}")
+            valid = f"one that the simulated drone has{nearest(name, VARIABLES, cutoff=0.0)}"
+            raise refusal("log variable", name, "", valid)

@@ -137,7 +137,15 @@ def test_help_is_no_failure(program: str, capsys: pytest.CaptureFixture[str]) ->
 )
 def test_no_option_can_be_abbreviated(program: str, abbreviated: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert PROGRAMS[program]([abbreviated]) == 2
-    assert refusal(capsys) == f"unrecognized arguments: {abbreviated}; see --help\n"
+    (option,) = re.findall(
+        rf"unrecognized arguments: {abbreviated}; the nearest is (.*); see --help\n", refusal(capsys)
+    )
+    assert option.startswith("--")
+
+
+def test_an_option_that_no_name_is_near_to_is_refused_without_one(capsys: pytest.CaptureFixture[str]) -> None:
+    assert PROGRAMS["demo"](["--xyzzy"]) == 2
+    assert refusal(capsys) == "unrecognized arguments: --xyzzy; see --help\n"
 
 
 @pytest.mark.parametrize("program", ["demo", "faults", "reproduce", "synthesize"])

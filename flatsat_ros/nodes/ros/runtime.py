@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import inspect
 import signal
 import sys
@@ -29,7 +28,7 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
 
-from flatsat_ros.base.errors import FlatsatError, quoted
+from flatsat_ros.base.errors import FlatsatError, nearest, quoted
 from flatsat_ros.nodes.ros import messages
 from flatsat_ros.nodes.ros.faults import Faults
 
@@ -225,8 +224,7 @@ def _misplaced(argument: str) -> str:
     """Return why an argument that ROS would ignore is refused, and what was meant."""
     if ":=" in argument:
         return f"argument {quoted(argument)}: must stand behind --ros-args: --ros-args -p {quoted(argument)[1:-1]}"
-    near = difflib.get_close_matches(argument, ("--ros-args", *_ROS_ARGUMENTS), n=1)
-    meant = f"; the nearest is {near[0]}" if near else ""
+    meant = nearest(argument, ("--ros-args", *_ROS_ARGUMENTS))
     return f"argument {quoted(argument)}: must be --help, or --ros-args and behind it what ROS takes{meant}"
 
 
