@@ -185,7 +185,7 @@ class Pilot:
         by a way that leaves the lock closed.
 
         Raises:
-            FlatsatError: it is in use or in the air and cannot be disarmed.
+            FlatsatError: it is in the air and cannot be disarmed, or the controller ends and it cannot be armed.
         """
         height = float(self._step.state[index, 2]) if self._step.usable[index] else None
         self._parts.supervisor.arm(index, armed, height)
@@ -232,11 +232,11 @@ class Pilot:
         self._parts.guidance.land(index, self._step.now)
 
     def retire(self) -> None:
-        """Land every drone that is in the air where it is, and let none take off any more."""
+        """Land every drone that is in the air where it is, and let none take off any more, whoever arms it."""
+        self._parts.supervisor.retire()
         for index, mode in enumerate(self.mode):
             if mode in AIRBORNE:
                 self.traffic.land(index)
-            self._parts.supervisor.withdraw(index)
 
     def unclaimed(self, index: int) -> str:
         """Return why the tube of the certificate's flight section is not claimed of drone index; empty if it is."""

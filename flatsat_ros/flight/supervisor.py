@@ -15,6 +15,8 @@ from flatsat_ros.flight.modes import AIRBORNE, STANDING_HEIGHT, Event, Mode, Sit
 from flatsat_ros.flight.policy import Policy
 
 _FLY, _LEVEL, _DESCEND = (mode.value for mode in AIRBORNE)  # numpy compares with these ten times faster
+# modes whose motors are not told to turn: drones in them can be disarmed
+_ON_THE_GROUND = (Mode.IDLE, Mode.UNLOCK, Mode.CUT, Mode.REST, Mode.FALLEN)
 # what a drone flew level without poses counts with its next loss, less this share of the time between them
 _FORGOTTEN = 0.2
 # so many flights begin at one tick: each needs a path, whose computing takes a tenth of a period
@@ -73,14 +75,17 @@ class Supervisor:
         self._usable_since = np.full(count, np.inf)  # of drones without poses
         self._patient = np.zeros(count, dtype=bool)  # it waits for poses that are lost; a take-off by service does not
         self._rearmed = np.zeros(count, dtype=bool)  # a person armed it since it fell
+        self._retired = False  # see `retire`
         self._pending: list[Transition] = []  # made between two ticks
 
     def require_armed(self, index: int) -> None:
         """Refuse a drone that must not take off.
 
         Raises:
-            FlatsatError: it is disarmed.
+            FlatsatError: it is disarmed, or the controller ends.
         """
+        if self._retired:
+            raise FlatsatError("the controller ends: drones in the air land, and none takes off any more")
         if not self.armed[index]:
             raise FlatsatError("the drone is disarmed: arm it first")
         if self.mode[index] == Mode.FALLEN:
@@ -115,12 +120,14 @@ class Supervisor:
             height: its estimated z, m; None if that is not known.
 
         Raises:
-            FlatsatError: it is in use or in the air and cannot be disarmed.
+            FlatsatError: it is in the air and cannot be disarmed, or the controller ends and it cannot be armed.
         """
         mode = Mode(self.mode[index])
+        if armed and self._retired:
+            raise FlatsatError("the controller ends: no drone is armed any more")
         high = height is not None and height >= self._policy.floor + STANDING_HEIGHT
         if not armed:
-            self.require_mode(index, Mode.IDLE, Mode.CUT, Mode.FALLEN, purpose="be disarmed; land it first")
+            self.require_mode(index, *_ON_THE_GROUND, purpose="be disarmed; land it first")
             if mode is Mode.IDLE and high:
                 raise FlatsatError(f"the drone is at z = {height:.2f} m, flown by somebody else: land it first")
             self.requested[index] = False
@@ -128,9 +135,10 @@ class Supervisor:
         self._rearmed[index] = armed and mode is Mode.FALLEN
         self.unlocking[index] = armed and mode in (Mode.IDLE, Mode.UNLOCK) and height is not None and not high
 
-    def withdraw(self, index: int) -> None:
-        """Let drone index not take off any more; one in the air goes on."""
-        self.armed[index] = self.unlocking[index] = self.requested[index] = False
+    def retire(self) -> None:
+        """Let no drone take off any more, whoever arms it; those in the air go on."""
+        self.armed[:] = self.unlocking[:] = self.requested[:] = False
+        self._retired = True
 
     def call_off(self, index: int) -> bool:
         """Forget the reference of drone index unless it is in the air; return whether there was one to forget."""

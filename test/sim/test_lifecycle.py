@@ -184,7 +184,7 @@ def test_what_is_unsafe_is_refused_with_the_reason() -> None:
     flight.let_pass(4.0)
     with pytest.raises(FlatsatError, match="only one on the ground takes off"):
         pilot.take_off(0, 0.5)
-    with pytest.raises(FlatsatError, match="only one in IDLE or CUT or FALLEN can be disarmed; land it first"):
+    with pytest.raises(FlatsatError, match="in FLY: only one in IDLE or UNLOCK or CUT or REST or FALLEN can be"):
         pilot.arm(0, False)
     unseen = Pilot(CERTIFICATE, Tuning(2.0, 0.05, 1.0, 2.0), Policy(), 1)
     unseen.tick(0.0)
@@ -205,6 +205,40 @@ def test_a_disarmed_drone_stays_on_the_ground_until_it_is_armed() -> None:
     flight.pilot.take_off(0, 0.5)
     flight.let_pass(3.0)
     assert flight.modes[-1] is Mode.FLY
+
+
+@pytest.mark.parametrize("mode", [Mode.UNLOCK, Mode.REST])
+def test_a_drone_whose_motors_are_not_told_to_turn_can_be_disarmed(mode: Mode) -> None:
+    flight = Flight()
+    flight.pilot.take_off(0, 0.5)
+    if mode is Mode.REST:
+        flight.let_pass(4.0)
+        flight.pilot.land(0)
+    while flight.pilot.mode[0] != mode:
+        flight.let_pass(0.1)
+    flight.pilot.arm(0, False)
+    sent = len(flight.modes)
+    flight.let_pass(5.0)
+    assert flight.modes[sent - 1 :] == [mode, Mode.IDLE]
+    with pytest.raises(FlatsatError, match="disarmed: arm it first"):
+        flight.pilot.take_off(0, 0.5)
+
+
+def test_when_the_controller_ends_nobody_can_be_armed_to_fly_on_or_take_off() -> None:
+    flight = Flight(1.0, 1.0)
+    flight.pilot.take_off(0, 0.5)
+    flight.let_pass(4.0)
+    flight.pilot.retire()
+    for index in range(2):
+        with pytest.raises(FlatsatError, match="controller ends: no drone is armed any more"):
+            flight.pilot.arm(index, True)
+        with pytest.raises(FlatsatError, match="controller ends: drones in the air land"):
+            flight.pilot.set_goal(index, [3.0 * index, 0.0, 1.0])
+    with pytest.raises(FlatsatError, match="controller ends: drones in the air land"):
+        flight.pilot.take_off(1, 0.5)
+    flight.let_pass(8.0)
+    assert (flight.pilot.mode == Mode.IDLE).all()
+    assert flight.fleet.bodies.grounded.all()
 
 
 def test_a_drone_handed_over_is_not_commanded_any_more() -> None:
