@@ -17,7 +17,7 @@ from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.planning.mission import Mission
 from flatsat_ros.planning.planner import Round
 from flatsat_ros.planning.proof import broken_limit, retimed
-from flatsat_ros.planning.reference import shapes_of, shortest, shortest_legs, smoothest, spans_of
+from flatsat_ros.planning.reference import Shortest, shapes_of, shortest, shortest_legs, smoothest, spans_of
 from flatsat_ros.planning.search import Search, Swarm
 from flatsat_ros.planning.shapes import Shapes
 from flatsat_ros.plans import Curve
@@ -64,14 +64,14 @@ def _alone(mission: Mission, late: Callable[[], bool]) -> Round:
     found = shortest_legs(drone, mission.limits, mission.bounds, late, closed=mission.is_closed)
     if found is None:
         raise _no_way(drone.name, mission)
-    legs, bound = found
+    legs, best = found
     for factor in _RELAXED:
         shapes = shapes_of(factor * legs, closed=mission.is_closed)
         points = smoothest(shapes, drone, float(shapes.lengths.sum()) / 1e6, mission.limits, mission.bounds)
         if points is not None:
             curves = (_curve(shapes, points, 1),)
             if broken_limit(mission, curves) is None:
-                return Round(curves, curves[0].duration, bound)
+                return Round(curves, curves[0].duration, _told(best))
     raise _no_way(drone.name, mission)
 
 
@@ -113,8 +113,8 @@ def _require_long_enough(mission: Mission, shapes: Shapes, duration: float) -> N
         own = shortest(shapes, drone, mission.limits, mission.bounds)
         if own is None:
             raise _no_way(drone.name, mission)
-        if own[1] > duration:
-            factor = math.ceil(1e3 * _RELAXED[0] * own[1] / duration) / 1e3
+        if own.duration > duration and own.is_least:
+            factor = math.ceil(1e3 * _RELAXED[0] * own.duration / duration) / 1e3
             try:
                 broken = broken_limit(mission, (_curve(shapes, shapes.fixed @ drone.waypoints, 1),))
             except FlatsatError as error:  # so much that it is nowhere near what can be proved
@@ -128,7 +128,8 @@ def _require_long_enough(mission: Mission, shapes: Shapes, duration: float) -> N
 def _together(mission: Mission, late: Callable[[], bool]) -> Iterator[Round]:
     """Yield references of a swarm that are shorter and shorter."""
     shapes = _shapes(mission)
-    bound = _bound(mission, shapes)
+    longest = _longest(mission, shapes)
+    bound, told = longest.duration, _told(longest)
     search = Search(_swarm(mission, shapes))
     total = int(shapes.lengths.sum())
 
@@ -143,12 +144,14 @@ def _together(mission: Mission, late: Callable[[], bool]) -> Iterator[Round]:
             break
         if late():
             raise FlatsatError(
-                f"no plan found in the given time, with durations up to {factor * bound:.4g} s, {factor:g} times the "
-                f"bound: {broken}"
+                f"no plan found in the given time, with durations up to {factor * bound:.4g} s, {factor:g} times that "
+                f"of the slowest drone alone: {broken}"
             )
     else:
-        raise FlatsatError(f"no plan found in up to {_LONGER[-1]:g} times the bound of {bound:.4g} s: {broken}")
-    yield Round(found, found[0].duration, bound)
+        raise FlatsatError(
+            f"no plan found in up to {_LONGER[-1]:g} times the {bound:.4g} s of the slowest drone alone: {broken}"
+        )
+    yield Round(found, found[0].duration, told)
     high = found[0].duration
     for fresh, steps in _TRIES:
         low, share = _SHORTEST * bound, 0.1
@@ -162,23 +165,34 @@ def _together(mission: Mission, late: Callable[[], bool]) -> Iterator[Round]:
                 low, share = unit * total / 1e6, 0.5
             else:
                 modes, high = tried, shorter[0].duration
-                yield Round(shorter, high, bound)
+                yield Round(shorter, high, told)
 
 
 def bound_of(mission: Mission) -> float:
     """Return a duration, s, below which there is no plan with knots in these proportions.
 
     Raises:
-        FlatsatError: a drone alone has no reference.
+        FlatsatError: a drone alone has no reference, or the solver does not find the shortest.
     """
     if mission.is_given:
         raise FlatsatError("polynomials are only slowed down: larger bounds make no plan shorter")
     if len(mission.drones) > 1 or mission.obstacles:
-        return _bound(mission, _shapes(mission))
-    found = shortest_legs(mission.drones[0], mission.limits, mission.bounds, lambda: False, closed=mission.is_closed)
-    if found is None:
-        raise _no_way(mission.drones[0].name, mission)
-    return found[1]
+        longest = _longest(mission, _shapes(mission))
+    else:
+        (drone,) = mission.drones
+        found = shortest_legs(drone, mission.limits, mission.bounds, lambda: False, closed=mission.is_closed)
+        if found is None:
+            raise _no_way(drone.name, mission)
+        longest = found[1]
+    bound = _told(longest)
+    if bound is None:
+        raise FlatsatError(f"the solver finds {longest.duration:.2f} s, but not that nothing is shorter")
+    return bound
+
+
+def _told(found: Shortest) -> float | None:
+    """Return the duration, s, below which there is no reference, as far as that is known."""
+    return found.duration if found.is_least else None
 
 
 def _shapes(mission: Mission) -> Shapes:
@@ -235,15 +249,18 @@ def _swarm(mission: Mission, shapes: Shapes) -> Swarm:
     )  # fmt: skip
 
 
-def _bound(mission: Mission, shapes: Shapes) -> float:
-    """Return the longest of the shortest durations of drones alone: no plan with these shapes is shorter, s."""
-    longest = 0.0
+def _longest(mission: Mission, shapes: Shapes) -> Shortest:
+    """Return the longest of the shortest references of drones alone: no plan with these shapes is shorter."""
+    longest: Shortest | None = None
     for number in np.argsort(-_ways(mission).max(axis=1), kind="stable")[:_SLOWEST].tolist():
         drone = mission.drones[number]
-        found = shortest(shapes, drone, mission.limits, mission.bounds, longest or None)
+        near = None if longest is None else longest.duration
+        found = shortest(shapes, drone, mission.limits, mission.bounds, near)
         if found is None:
             raise _no_way(drone.name, mission)
-        longest = max(longest, found[1])
+        if longest is None or found.duration > longest.duration:
+            longest = found
+    assert longest is not None
     return longest
 
 

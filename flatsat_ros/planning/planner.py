@@ -24,7 +24,8 @@ class Round:
     Attributes:
         curves: one for each drone.
         duration: s; of a lap, if there are laps.
-        bound: s; no references with these knots in proportion are shorter. None where the times are given.
+        bound: s; no references with these knots in proportion are shorter. None where the times are given, or the
+            solver stops short of it.
         note: what became of polynomials; empty for way-points.
     """
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import clarabel
 import numpy as np
@@ -39,9 +40,26 @@ ORDERS = 5  # position to snap
 UNKNOWNS = 4  # T^4, s, u, t
 FOURTH, SQUARE, CUBE, FIRST = range(-UNKNOWNS, 0)
 
+_SOLVED = clarabel.SolverStatus.Solved
+_ANSWERS = _SOLVED, clarabel.SolverStatus.PrimalInfeasible  # what leaves nothing to be tried
+# Clarabel's largest share of the way to the border of a cone, one after the other until it comes to its own tolerance
+_STEP_SHARES = 0.99, 0.9, 0.8
+
 _FIRST_SPAN = np.zeros(1, dtype=np.int64)
 
 Affine = tuple[sparse.csr_matrix, FloatArray]  # of all unknowns: matrix (K, n) and constant (K,)
+
+
+class Minimum(NamedTuple):
+    """What the solver finds.
+
+    Attributes:
+        x: (n,) the best that it has found.
+        is_least: it came to its own tolerance; otherwise x keeps what is asked less exactly, and may not be the best.
+    """
+
+    x: FloatArray
+    is_least: bool
 
 
 class Program:
@@ -78,8 +96,8 @@ class Program:
         """Return a matrix of the unknowns from `column` on as one of all unknowns."""
         return _placed(matrix, column, self.size)
 
-    def minimised(self, linear: FloatArray, quadratic: sparse.csc_matrix | None = None) -> FloatArray | None:
-        """Return the best x, or None if the solver finds none.
+    def minimised(self, linear: FloatArray, quadratic: sparse.csc_matrix | None = None) -> Minimum | None:
+        """Return the best x, or None if there is none or the solver finds none.
 
         Args:
             linear: q (n,).
@@ -91,13 +109,14 @@ class Program:
         settings.direct_solve_method = "qdldl"  # no kernel of linear algebra that differs between machines
         quadratic = sparse.csc_matrix((self.size, self.size)) if quadratic is None else quadratic
         matrix = -sparse.vstack(self._blocks, format="csc")
-        solver = clarabel.DefaultSolver(
-            quadratic, linear, matrix, np.concatenate(self._constants), self._cones, settings
-        )
-        solution = solver.solve()
-        if solution.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
-            return None
-        return np.asarray(solution.x)
+        constants, almost = np.concatenate(self._constants), None
+        for settings.max_step_fraction in _STEP_SHARES:
+            solution = clarabel.DefaultSolver(quadratic, linear, matrix, constants, self._cones, settings).solve()
+            if solution.status in _ANSWERS:
+                return Minimum(np.asarray(solution.x), True) if solution.status == _SOLVED else None
+            if solution.status == clarabel.SolverStatus.AlmostSolved:
+                almost = almost or Minimum(np.asarray(solution.x), False)
+        return almost
 
 
 def bezier_matrices(knots: FloatArray, *, closed: bool = False) -> list[sparse.csr_matrix]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -26,10 +27,24 @@ _ENOUGH = 5e-4  # of the duration: where less can be hoped for, the search ends
 _SMALLEST = 1e-3  # of the radius in which the limits are trusted to be linear in the legs
 
 
+class Shortest(NamedTuple):
+    """The shortest reference through way-points.
+
+    Attributes:
+        points: (n, 3) control points, m.
+        duration: s.
+        is_least: no other is shorter, up to the tolerance of the solver, which may stop short of it.
+    """
+
+    points: FloatArray
+    duration: float
+    is_least: bool
+
+
 def shortest(
     shapes: Shapes, drone: Asked, limits: InputSet, bounds: Bounds, near: float | None = None, same: float = _SAME
-) -> tuple[FloatArray, float] | None:
-    """Return control points (n, 3) and the least duration, s, with the knots in the proportions of the shapes.
+) -> Shortest | None:
+    """Return control points and the least duration with the knots in the proportions of the shapes.
 
     It is the best there is in this spline space (up to the reserve for rounding): a convex program where only the
     acceleration is asked of the law, otherwise a short sequence of them, until the duration is that which drag and lead
@@ -50,7 +65,7 @@ def shortest(
         solved = _shortest_at(shapes, drone, limits, bounds, scale)
         if solved is None or len(bounds.asked) == 1:
             return solved
-        points, duration = solved
+        points, duration, is_least = solved
         known.append((scale, duration))
         slope = _SLOPE
         if len(known) > 1 and known[-1][0] != known[-2][0]:
@@ -58,24 +73,22 @@ def shortest(
             slope = float(np.clip((out_b - out_a) / (b - a), 0.0, 0.9))
         last, scale = scale, scale + (duration - scale) / (1.0 - slope)
         if abs(duration - last) < same * duration:
-            break
-    return points, scale
+            return Shortest(points, scale, is_least)
+    return Shortest(points, scale, False)
 
 
-def _shortest_at(
-    shapes: Shapes, drone: Asked, limits: InputSet, bounds: Bounds, scale: float
-) -> tuple[FloatArray, float] | None:
-    """Return control points (n, 3) and the least duration, s, where drag and lead are counted with a duration, s."""
+def _shortest_at(shapes: Shapes, drone: Asked, limits: InputSet, bounds: Bounds, scale: float) -> Shortest | None:
+    """Return control points and the least duration where drag and lead are counted with a duration, s."""
     derivatives = Derivatives(shapes.knots * scale, closed=shapes.closed)
     program = Program(derivatives.size)
     keep_limits(program, derivatives, limits, bounds)
     _pass(program, derivatives, shapes, drone)
     linear = np.zeros(derivatives.size)
     linear[FOURTH] = 1.0
-    solution = program.minimised(linear)
-    if solution is None:
+    found = program.minimised(linear)
+    if found is None:
         return None
-    return derivatives.points(solution), scale * float(solution[FOURTH]) ** 0.25
+    return Shortest(derivatives.points(found.x), scale * float(found.x[FOURTH]) ** 0.25, found.is_least)
 
 
 def smoothest(shapes: Shapes, drone: Asked, duration: float, limits: InputSet, bounds: Bounds) -> FloatArray | None:
@@ -87,14 +100,14 @@ def smoothest(shapes: Shapes, drone: Asked, duration: float, limits: InputSet, b
     program.vanish(derivatives.power(4, 1.0, constant=-1.0))
     form = shapes.jerk / np.abs(shapes.jerk).max()
     quadratic = sparse.triu(sparse.block_diag([form] * 3 + [sparse.csc_matrix((UNKNOWNS, UNKNOWNS))]), format="csc")
-    solution = program.minimised(np.zeros(derivatives.size), quadratic)
-    return None if solution is None else derivatives.points(solution)
+    found = program.minimised(np.zeros(derivatives.size), quadratic)
+    return None if found is None else derivatives.points(found.x)
 
 
 def shortest_legs(
     drone: Asked, limits: InputSet, bounds: Bounds, late: Callable[[], bool], *, closed: bool = False
-) -> tuple[FloatArray, float] | None:
-    """Return the durations (W - 1,) of the legs for which the whole is shortest, s, and that duration.
+) -> tuple[FloatArray, Shortest] | None:
+    """Return the durations (W - 1,) of the legs for which the whole is shortest, s, and the reference with them.
 
     The limits are linearised in the legs' durations as well; what comes out is solved again with its proportions, so
     that every accepted step is a reference that keeps the limits.
@@ -109,34 +122,33 @@ def shortest_legs(
     legs = np.sqrt(np.linalg.norm(np.diff(drone.waypoints, axis=0), axis=1) + 0.1)
     found = shortest(shapes_of(legs, closed=closed), drone, limits, bounds)
     if found is None or len(legs) == 1:
-        return None if found is None else (legs * (found[1] / legs.sum()), found[1])
-    points, best = found
-    legs *= best / legs.sum()
+        return None if found is None else (legs * (found.duration / legs.sum()), found)
+    legs *= found.duration / legs.sum()
     radius = 0.25
     for _ in range(_STEPS):
         if late():
             break
-        step = _linear_step(legs, points, drone, radius, limits, bounds, closed=closed)
-        hoped = 0.0 if step is None else best - float(step.sum())
-        if step is not None and hoped < _ENOUGH * best:
+        step = _linear_step(legs, found.points, drone, radius, limits, bounds, closed=closed)
+        hoped = 0.0 if step is None else found.duration - float(step.sum())
+        if step is not None and hoped < _ENOUGH * found.duration:
             break
         tried = (
             None
             if step is None
             else shortest(shapes_of(step, closed=closed), drone, limits, bounds, float(step.sum()), _ROUGHLY)
         )
-        if step is None or tried is None or tried[1] >= best:
+        if step is None or tried is None or tried.duration >= found.duration:
             radius /= 3.0
             if radius < _SMALLEST:
                 break
         else:
-            gain, best = best - tried[1], tried[1]
-            points, legs = tried[0], step * (best / step.sum())
+            gain, found = found.duration - tried.duration, tried
+            legs = step * (found.duration / step.sum())
             radius = min(0.5, radius * (2.0 if gain > 0.7 * hoped else 0.5 if gain < 0.3 * hoped else 1.0))
     if len(bounds.asked) == 1:
-        return legs, best
-    exact = shortest(shapes_of(legs, closed=closed), drone, limits, bounds, best)
-    return None if exact is None else (legs * (exact[1] / best), exact[1])
+        return legs, found
+    exact = shortest(shapes_of(legs, closed=closed), drone, limits, bounds, found.duration)
+    return None if exact is None else (legs * (exact.duration / found.duration), exact)
 
 
 def shapes_of(legs: FloatArray, least: int = _LEG, *, closed: bool = False) -> Shapes:
@@ -204,5 +216,5 @@ def _linear_step(
     durations = retimed.legs()
     program.be_positive((durations, -legs * (1.0 - radius)))
     program.be_positive((-durations, legs * (1.0 + radius)))
-    solution = program.minimised(np.asarray(durations.sum(axis=0)).ravel())
-    return None if solution is None else np.asarray(durations @ solution)
+    found = program.minimised(np.asarray(durations.sum(axis=0)).ravel())
+    return None if found is None else np.asarray(durations @ found.x)

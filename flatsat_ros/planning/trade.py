@@ -21,7 +21,7 @@ class Choice(NamedTuple):
         acceleration_max: m/s^2; None for no bound. More than the mission's is never proved.
         jerk_max, snap_max: m/s^3, m/s^4.
         tube: m, what the certificate proves then; None for nothing.
-        bound: s; no plan with these bounds is shorter. None if nothing can be planned.
+        bound: s; no plan with these bounds is shorter. None if nothing can be planned, or none is known.
         refused: why not; empty where something can.
     """
 
