@@ -261,6 +261,10 @@ class TiltLimitDetector:
         self._opposed_since = np.where(opposed, np.minimum(self._opposed_since, now), np.inf)
         return np.asarray(blown), self._swings > _SWINGS, np.asarray(now - self._opposed_since >= _OPPOSED_TIME)
 
+    def forget(self, which: np.ndarray) -> None:
+        """Forget how often some drones, (N,), have swung."""
+        self._swings[which] = 0.0
+
     def set_clock_back(self, now: float) -> None:
         """Let nothing last longer because the clock was set back to now, s."""
         self._since, self._opposed_since = (
@@ -296,3 +300,7 @@ class BobbingDetector:
         self._sign = np.where(large, sign, self._sign)
         self._sign[~steered] = self._swings[~steered] = 0.0
         return np.asarray(self._swings > _SWINGS)
+
+    def forget(self, which: np.ndarray) -> None:
+        """Forget how often some drones, (N,), have swung."""
+        self._swings[which] = 0.0

@@ -10,6 +10,9 @@ the error made smaller before the law sees it, so that for its gain gamma and v0
 with gains that bear half a second of lag and delay, and what disturbs it is made up for slowly. The law, its gains and
 its limits stay what they are. The sign of an axis shows in the air alone: a drone that takes off is flown softly
 sideways until it has been there for a while, and moves as the model expects.
+
+Certificates without a flight section have no model that expects anything: of their loops swings alone tell that they
+are late, and nothing whether they still are while a drone is flown softly. So that lasts for a minute there.
 """
 
 from __future__ import annotations
@@ -30,6 +33,8 @@ _OLD = 0.12
 # vertically the amplitude of a swing with its mean square over about so long, s: a late loop swings, a gust does not.
 _STRANGE, _TIMES = np.array([0.016, 0.0075]), np.array([5.0, 2.5])
 _SWINGING = 0.4
+# where no model knows of lag and delay, what disturbs it vertically swings so far, m/s^2, beyond gusts and climbs
+_SWINGS = 1.5
 # until it has been off the ground for a while its thrust is not known yet, and gusts come on top of that: so many times
 # as far it may swing
 _CLIMBING = 1.5
@@ -48,7 +53,8 @@ _NEAR, _SLOWLY = 0.1, 0.2
 _SLOW = 1.5
 # a landing drone that is slowed by so much, m/s, from one tick to the next and then stays within so much, m, is carried
 _STOPPED, _STAYS = 0.15, 0.01
-_TOLD = "its poses come too late or are not where they are expected: flown softly for {:g} s at least"
+_STRANGELY = "its poses come too late or are not where they are expected: flown softly for {:g} s at least"
+_SWINGINGLY = "it swings: do poses or commands come too late? It is flown softly for {:g} s at least"
 
 
 class Doubt:
@@ -58,8 +64,45 @@ class Doubt:
         any: whether there are any.
     """
 
-    def __init__(self, flight: FlightSection, bounds: FloatArray, count: int) -> None:
+    def __init__(
+        self,
+        gains: FloatArray,
+        strange: FloatArray,
+        expected: float,
+        shortest: float,
+        told: str,
+        period: float,
+        count: int,
+    ) -> None:
         """Begin without doubts.
+
+        Args:
+            gains: of the law for a gain of 1, along x, y, z: stiffness, 1/s^2, and rate, 1/s, (2, 3).
+            strange: what is looked at, horizontal and vertical, is strange beyond this, (2,).
+            expected: and as expected up to this horizontally.
+            shortest: s for which a doubt lasts at least.
+            told: of a drone that is doubted, with a place for these s.
+            period: between two ticks, s.
+            count: N.
+        """
+        self._share = np.minimum(np.array(_SOFT)[:, np.newaxis] / gains, 1.0).ravel()
+        self._strange, self._expected = strange, expected
+        self._until = np.full((count, 2), -np.inf)  # s, horizontal and vertical
+        self._lifted = np.full(count, -np.inf)  # s, until when each has just left the ground
+        self._rested = np.full(count, -np.inf)  # s, until when what carries each may still show in its height
+        self._shortest, self._told = shortest, told
+        self._doubted = np.full(count, shortest)  # for how long the next time, s
+        self._square, self._looked = np.zeros(count), -np.inf  # mean, of the vertical innovations, m^2; and when, s
+        self._period = period
+        self._new = np.zeros(count, dtype=bool)  # the doubts of each have just begun
+        self._followed = np.zeros((count, 3))  # of its disturbance, m/s^2
+        self._pace = self._period / _SLOW
+        self._reports: list[tuple[int, str]] = []
+        self.any = False
+
+    @classmethod
+    def of_flight(cls, flight: FlightSection, bounds: FloatArray, count: int) -> Doubt:
+        """Return doubts that arise from innovations, m.
 
         Args:
             flight: what is proved.
@@ -67,21 +110,21 @@ class Doubt:
             count: N.
         """
         designs = [axis.design for axis in (flight.horizontal, flight.horizontal, flight.vertical)]
-        stiff = np.array([[design.stiffness for design in designs], [design.rate for design in designs]])
-        self._share = np.minimum(np.array(_SOFT)[:, np.newaxis] / stiff, 1.0).ravel()
-        self._strange = np.maximum(_STRANGE, _TIMES * bounds)
-        self._expected = float(bounds[0])
-        self._until = np.full((count, 2), -np.inf)  # s, horizontal and vertical
-        self._lifted = np.full(count, -np.inf)  # s, until when each has just left the ground
-        self._rested = np.full(count, -np.inf)  # s, until when what carries each may still show in its height
-        self._doubted = np.full(count, _DOUBTED)  # for how long the next time, s
-        self._square, self._looked = np.zeros(count), -np.inf  # mean, of the vertical innovations, m^2; and when, s
-        self._period = flight.horizontal.design.period
-        self._new = np.zeros(count, dtype=bool)  # the doubts of each have just begun
-        self._followed = np.zeros((count, 3))  # of its disturbance, m/s^2
-        self._pace = self._period / _SLOW
-        self._reports: list[tuple[int, str]] = []
-        self.any = False
+        gains = np.array([[design.stiffness for design in designs], [design.rate for design in designs]])
+        strange = np.maximum(_STRANGE, _TIMES * bounds)
+        return cls(gains, strange, float(bounds[0]), _DOUBTED, _STRANGELY, flight.horizontal.design.period, count)
+
+    @classmethod
+    def of_swings(cls, matrix: FloatArray, period: float, count: int) -> Doubt:
+        """Return doubts that arise from how far disturbances, m/s^2, swing in height: no model tells more.
+
+        Args:
+            matrix: of the law, (6, 6): v0 = -(its last three columns)' (e, e').
+            period: between two ticks, s.
+            count: N.
+        """
+        gains = np.stack([np.diag(matrix[:3, 3:]), np.diag(matrix[3:, 3:])])
+        return cls(gains, np.array([np.inf, _SWINGS]), np.inf, _LONGEST, _SWINGINGLY, period, count)
 
     def reports(self) -> list[tuple[int, str]]:
         """Return what is to be told, drone and text, once."""
@@ -103,7 +146,7 @@ class Doubt:
             age: (N,) of the pose that was used last, s.
             innovation: (N, 2) its size, horizontal and vertical, m.
         """
-        sideways, ended = innovation[:, 0], self._until[:, 1]
+        sideways = innovation[:, 0]
         swing = self._swing(now, np.where(flying & (now >= self._rested), innovation[:, 1], 0.0))
         beyond = (sideways > self._strange[0]) | (swing > self._strange[1])
         waits = now < np.minimum(self._until[:, 0], self._lifted + _WAITED)
@@ -116,13 +159,25 @@ class Doubt:
         strange &= ~early | (age > _OLD)
         if not any_of(strange):
             return
+        self._begin(now, strange)
+
+    def ease(self, now: float, swings: np.ndarray) -> BoolArray:
+        """Doubt the loops of those that are seen to swing, (N,); return which of these were flown stiffly till now."""
+        eased = swings & (now >= self._until[:, 1])
+        if any_of(eased):
+            self._begin(now, eased)
+        return np.asarray(eased)
+
+    def _begin(self, now: float, strange: np.ndarray) -> None:
+        """Doubt the loops of some drones, (N,), or go on with it."""
+        ended = self._until[:, 1]
         new = strange & (now >= ended)
         again = now - ended < _AGAIN
-        lasting = np.where(again, np.minimum(_LONGER * self._doubted, _LONGEST), _DOUBTED)
+        lasting = np.where(again, np.minimum(_LONGER * self._doubted, _LONGEST), self._shortest)
         self._doubted = np.where(new, lasting, self._doubted)
         self._new |= new
         self._until[strange] = (now + self._doubted)[strange, np.newaxis]
-        self._reports += [(int(i), _TOLD.format(self._doubted[i])) for i in np.flatnonzero(new)]
+        self._reports += [(int(i), self._told.format(self._doubted[i])) for i in np.flatnonzero(new)]
         self.any = True
 
     def hold(self, now: float, error: FloatArray, touching: np.ndarray | None = None) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray, any_of
@@ -60,8 +62,9 @@ class FollowingCheck:
         landing: np.ndarray,
         assumed: np.ndarray | None,
         told: np.ndarray,
+        ease: Callable[[float, np.ndarray], np.ndarray],
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return whose loop swings or is against its commands, and whose swings up and down, each (N,).
+        """Return whose loop swings or is against its commands, and whose swings, each (N,).
 
         Args:
             now: s.
@@ -73,6 +76,7 @@ class FollowingCheck:
             landing: (N,) who lands.
             assumed: (N,) whose yaw nobody sees; nobody's if None.
             told: (N,) of whom it has been told that they go astray.
+            ease: flies those softly who swing, and returns for whom that is something new: they may calm down.
         """
         correction = acceleration - base[:, 6:]
         if self._near is not None:  # what a stiff law corrects inside its tube is no swinging
@@ -84,7 +88,14 @@ class FollowingCheck:
             now, acceleration, correction[:, :2], push, error[:, :2], steered, landing, assumed
         )
         bobbing = self._bobbing.look(now, correction[:, 2], steered)
-        astray = swinging | opposed | bobbing
+        if any_of(swinging | bobbing):
+            eased = ease(now, swinging | bobbing)
+            if any_of(eased):
+                self._limit.forget(eased)
+                self._bobbing.forget(eased)
+                swinging, bobbing = swinging & ~eased, bobbing & ~eased
+        late = swinging | bobbing
+        astray = late | opposed
         if any_of(blown | astray):
             for index in map(int, np.flatnonzero(blown & ~self.blown)):
                 self._reports.append((index, _BLOWN.format(float(np.hypot(*error[index, :2])))))
@@ -92,4 +103,4 @@ class FollowingCheck:
             for found, text in ((swinging, _SWINGS), (against, _AGAINST), (bobbing, _BOBS)):
                 self._reports += [(int(index), text) for index in np.flatnonzero(found & ~told)]
             self.blown = self.blown | blown
-        return astray, bobbing
+        return astray, late

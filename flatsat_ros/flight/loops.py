@@ -1,7 +1,7 @@
 """The loop around the law: which state it acts on, about which base, and what is guaranteed of that.
 
-There are two. `DirectLoop` is that of certificates without a flight section: the law acts on the estimate, about the
-reference's acceleration less the disturbance. `PredictedLoop` is that of a flight section (`certificate.flight_loop`).
+There are two. `PredictedLoop` is that of a flight section (`certificate.flight_loop`), and `flight.direct_loop` that of
+certificates without one.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from flatsat_ros.certificate.sets import Place
 from flatsat_ros.flight.assumptions import Assumption, Monitors, Seen
 from flatsat_ros.flight.doubt import Carried, Doubt
 from flatsat_ros.flight.estimator import Estimator
-from flatsat_ros.flight.guarantee import Assessment, GuaranteeMonitor
+from flatsat_ros.flight.guarantee import Assessment
 from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.predictor import Predictor
 from flatsat_ros.flight.preview import Preview
@@ -28,10 +28,10 @@ from flatsat_ros.flight.references import References
 from flatsat_ros.law.controller import Output
 
 # of a reference's margin, this much at most may be spent on a disturbance; the rest is left to steer with
-_COMPENSATED_SHARE = 0.5
+COMPENSATED_SHARE = 0.5
 _TINY = 1e-300
 _SUM = np.ones(3)  # sums the entries of rows, faster than sum() on few of them
-_OF_STATE, _OF_VECTOR = [0, 0, 1, 0, 0, 1], [0, 0, 1]  # which of horizontal and vertical
+OF_STATE, OF_VECTOR = [0, 0, 1, 0, 0, 1], [0, 0, 1]  # which of horizontal and vertical
 _NONE, _TUBE, _OUTSIDE = Assumption.NONE.value, Place.TUBE.value, Place.OUTSIDE.value
 
 
@@ -116,6 +116,10 @@ class Loop(ABC):
         """(N,) who is flown softly in height; None for nobody."""
         return None
 
+    def ease(self, now: float, swings: np.ndarray) -> np.ndarray:
+        """Fly those softly, (N,), who are seen to swing at time now, s; return for whom that is something new."""
+        return np.zeros_like(swings)
+
     def unclaimed(self, index: int) -> str:
         """Return why the tube is not claimed of drone index; empty if it is, or none is known."""
         return ""
@@ -123,42 +127,6 @@ class Loop(ABC):
     def reports(self, flying: np.ndarray) -> list[tuple[int, str]]:
         """Return what is to be told of the drones in flight, drone and text, once per event."""
         return []
-
-
-class DirectLoop(Loop):
-    """The law acts on the estimate."""
-
-    def __init__(self, certificate: Certificate, policy: Policy, references: References, estimator: Estimator) -> None:
-        count = len(estimator.yaw)
-        self._references, self._estimator, self._most = references, estimator, policy.disturbance_max
-        self._monitor = GuaranteeMonitor(certificate, count)
-        self._spent = np.zeros(count)
-        self._base = np.zeros((count, 9))
-
-    def estimate(self, now: float, thorough: bool, gained: FloatArray | None) -> FloatArray:
-        """Return the estimates."""
-        return self._estimator.estimate(now)
-
-    def aim(self, now: float, estimated: FloatArray, reference: FloatArray, drones: Steered) -> Aim:
-        """Return estimate and reference."""
-        state = estimated[:, :6]
-        most = np.minimum(self._most, _COMPENSATED_SHARE * self._references.margin)
-        disturbance, self._spent = _shortened(estimated[:, 6:], most, drones.flying)
-        base = self._base = reference.copy()
-        base[:, 6:] -= disturbance
-        return Aim(state, base, None, disturbance)
-
-    def assess(self, output: Output, acceleration: FloatArray, flying: np.ndarray) -> Assessment:
-        """Return where the drones are in the certified sets."""
-        spent = self._spent
-        margin = self._references.margin - spent
-        fixed = self._references.at_rest & (spent == 0.0)
-        assessment = self._monitor.assess(output.error, margin, fixed)
-        base = self._base[:, 6:].copy()
-        if not all_of(flying):
-            base = np.where(flying[:, np.newaxis], base, 0.0)
-        self._monitor.follow(acceleration - base)
-        return assessment
 
 
 class PredictedLoop(Loop):
@@ -180,7 +148,7 @@ class PredictedLoop(Loop):
         self._predictor = Predictor(horizontal, vertical, count, flight.pose_age)
         self._preview = Preview(references, horizontal, vertical)
         self._monitors = Monitors(flight, self._most, references)
-        self._doubt = Doubt(flight, self._monitors.innovations, count)
+        self._doubt = Doubt.of_flight(flight, self._monitors.innovations, count)
         self._carried = Carried(horizontal.period, count)
         self._doubts, self._gain = np.zeros((count, 2), dtype=bool), np.ones(count)
         self._feedback = -certificate.matrix[:, 3:]
@@ -213,13 +181,13 @@ class PredictedLoop(Loop):
         if self._is_doubted(now, estimated, drones):
             doubts = self._doubts
             plain = self._estimator.estimate(now)
-            met = np.where(doubts[:, _OF_STATE], plain[:, :6], met)
+            met = np.where(doubts[:, OF_STATE], plain[:, :6], met)
             met = reference[:, :6] + self._doubt.soften(met - reference[:, :6], doubts, self._gain)
-            push = np.where(doubts[:, _OF_VECTOR], self._doubt.slowed(now, self._monitors.lately, plain[:, 6:]), push)
-            state = np.where(doubts[:, _OF_STATE], plain[:, :6], state)
+            push = np.where(doubts[:, OF_VECTOR], self._doubt.slowed(now, self._monitors.lately, plain[:, 6:]), push)
+            state = np.where(doubts[:, OF_STATE], plain[:, :6], state)
             most = np.where(doubts.any(axis=1), self._most_doubted, most)
         self._error = state - reference[:, :6]
-        disturbance, _ = _shortened(push, np.minimum(most, _COMPENSATED_SHARE * self._references.margin), flying)
+        disturbance, _ = shortened(push, np.minimum(most, COMPENSATED_SHARE * self._references.margin), flying)
         base = reference.copy()
         self._needed = self._preview.needed(now)
         base[:, 6:] = self._needed - disturbance
@@ -296,7 +264,7 @@ class PredictedLoop(Loop):
         return self._monitors.reports(flying) + self._doubt.reports()
 
 
-def _shortened(estimate: FloatArray, most: FloatArray, flying: np.ndarray) -> tuple[FloatArray, FloatArray]:
+def shortened(estimate: FloatArray, most: FloatArray, flying: np.ndarray) -> tuple[FloatArray, FloatArray]:
     """Return disturbances (N, 3), m/s^2, shortened to what may be compensated, and their sizes; 0 if not steered."""
     estimate = estimate.copy()  # its columns together: faster
     size = np.sqrt((estimate * estimate) @ _SUM)

@@ -8,9 +8,10 @@ from typing import NamedTuple
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.flight.battery import Batteries
 from flatsat_ros.flight.clearance import Clearance
+from flatsat_ros.flight.direct_loop import DirectLoop
 from flatsat_ros.flight.estimator import Estimator
 from flatsat_ros.flight.guidance import Guidance
-from flatsat_ros.flight.loops import DirectLoop, Loop, PredictedLoop
+from flatsat_ros.flight.loops import Loop, PredictedLoop
 from flatsat_ros.flight.orientation import Orientations
 from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.senses import Senses

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray, any_of
@@ -269,7 +271,13 @@ class Senses:
         return self._command_check.take_turns()
 
     def at_limit(
-        self, now: float, base: FloatArray, disturbance: FloatArray, error: FloatArray, landing: np.ndarray
+        self,
+        now: float,
+        base: FloatArray,
+        disturbance: FloatArray,
+        error: FloatArray,
+        landing: np.ndarray,
+        ease: Callable[[float, np.ndarray], np.ndarray],
     ) -> list[int]:
         """Return who shall land because the limit of its tilt does not let it follow, and told so once per flight.
 
@@ -279,16 +287,17 @@ class Senses:
             disturbance: (N, 3) estimated, m/s^2.
             error: (N, 6) state minus reference, m and m/s.
             landing: (N,) who lands.
+            ease: flies those softly who swing, see `flight.following_check`.
         """
         if not self.looked:
             return []
         told, assumed = self._gone_astray, self._command_check.assumed
-        astray, bobbing = self._following_check.look(
-            now, self._acceleration, base, disturbance, error, self._free, landing, assumed, told
+        astray, late = self._following_check.look(
+            now, self._acceleration, base, disturbance, error, self._free, landing, assumed, told, ease
         )
         self._reports += self._following_check.reports()
         if any_of(astray):
-            self._lift[bobbing] = 0.0  # what was seen of it was late
+            self._lift[late] = 0.0  # what was seen of it was late
             self._gone_astray = self._gone_astray | astray
         blown = self._following_check.blown
         return [int(index) for index in np.flatnonzero(blown)] if any_of(blown) else []

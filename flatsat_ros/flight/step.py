@@ -137,7 +137,7 @@ class ControlStep:
         if parts.orientations.from_motion and senses.looked:
             estimator.yaw += senses.take_turns()
         if self._policy.goal_mode is GoalMode.PATH:  # steps take a drone to its limit by themselves
-            for index in senses.at_limit(now, aim.base, estimate, error, guidance.landing):
+            for index in senses.at_limit(now, aim.base, estimate, error, guidance.landing, parts.loop.ease):
                 if flying[index]:
                     guidance.land(index, now, state[index, :3])
         # on the ground nothing is claimed, before a flight and at its end

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray, all_of
+from flatsat_ros.base.constants import GRAVITY
 
 # a drone that has not lifted off although commanded upward for this time, s, before and after its thrust was learnt,
 # loses this share of its scale a second
@@ -19,6 +20,8 @@ _TIME_CONSTANT = 3.0
 _QUICK_TIME_CONSTANT, _QUICK_TIME = 0.5, 2.0
 # by then of a drone that is flown softly: what is disturbance of a loop that is late would swing it otherwise
 _DOUBTED_TIME_CONSTANT = 1.0
+# less thrust, m/s^2, shows next to nothing of its scale: what disturbs a drone then is taken for an error of so much
+_LEAST = GRAVITY / 2.0
 
 
 class ThrustScale:
@@ -72,8 +75,7 @@ class ThrustScale:
         self._lifting = np.maximum(self._lifting + np.where(lifting, period, -period), 0.0)
         if self._error_max == 0.0:
             return
-        useful = flying & (upward > 0.0)
-        error = np.divide(disturbance, upward, out=np.zeros(upward.shape), where=useful)
+        error = np.where(flying & (upward > 0.0), disturbance / np.maximum(upward, _LEAST), 0.0)
         weak = lifting & (self._lifting > np.where(self._learnt < _SETTLED_TIME, *_LIFTING_TIME))
         constant: float | FloatArray = _TIME_CONSTANT
         if self.quick:

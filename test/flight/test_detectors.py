@@ -201,6 +201,10 @@ def test_a_drone_that_is_sent_up_and_down_bobs(half: float, height: float, first
     assert not bobs(half, height, OFF, 10.0)
 
 
+def stiffly(_now: float, swings: np.ndarray) -> np.ndarray:
+    return np.zeros_like(swings)
+
+
 @pytest.mark.parametrize("name", ["thrust_kit_tight_50hz", "cf21_adaptive_50hz"])
 @given(half=st.floats(0.3, 0.5), first=st.sampled_from([-1.0, 1.0]), push=st.floats(1.0, 4.0))
 @settings(max_examples=8)
@@ -215,8 +219,28 @@ def test_a_drone_that_gusts_move_up_and_down_by_centimetres_does_not_swing(
             error, command = np.zeros((1, 6)), np.zeros((1, 3))
             error[0, 2] = first * size * np.sign(math.sin(math.pi * (n + 0.5) * LOOK / half))
             command[0, 2] = -push * np.sign(error[0, 2])
-            found |= bool(check.look(n * LOOK, command, base, np.zeros((1, 3)), error, ON, OFF, None, OFF)[1][0])
+            late = check.look(n * LOOK, command, base, np.zeros((1, 3)), error, ON, OFF, None, OFF, stiffly)[1]
+            found |= bool(late[0])
         assert found is swings
+
+
+@pytest.mark.parametrize("axis", [0, 2])
+def test_who_swings_is_flown_softly_first_and_goes_astray_if_it_swings_all_the_same(axis: int) -> None:
+    check, base, eased, found = FollowingCheck(load_certificate("cf21_50hz"), 0.3, 1), np.zeros((1, 9)), [], []
+
+    def ease(now: float, swings: np.ndarray) -> np.ndarray:
+        eased.append(now)
+        return swings & (len(eased) == 1)
+
+    for n in range(round(8.0 / LOOK)):
+        error, command = np.zeros((1, 6)), np.zeros((1, 3))
+        command[0, axis] = 1.6 * np.sign(math.sin(math.pi * (n + 0.5) * LOOK / 0.5))
+        if check.look(n * LOOK, command, base, np.zeros((1, 3)), error, ON, OFF, None, OFF, ease)[1][0]:
+            found.append(n * LOOK)
+            break
+    assert len(eased) == 2
+    assert found == eased[1:]
+    assert found[0] > 1.8 * eased[0], "it swings as often again"
 
 
 @given(ratio=st.floats(-3.0, 3.0))

@@ -13,6 +13,7 @@ from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.flight.doubt import Carried, Doubt
 from flatsat_ros.flight.estimator import Estimator
 from flatsat_ros.flight.guidance import Guidance
+from flatsat_ros.flight.loops import Steered
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import Policy
@@ -26,6 +27,7 @@ from flatsat_ros.sim.sensor import MotionCapture
 CERTIFICATE = load_certificate("cf21_adaptive_50hz")
 assert CERTIFICATE.flight is not None
 FLIGHT = CERTIFICATE.flight
+DIRECT = load_certificate("cf21_50hz")
 BOUNDS = np.array([0.003, 0.003])  # m
 FLYING, CALM = np.ones(1, dtype=bool), np.zeros((1, 2))
 SOFTEST, SOFT = 0.5, 2.0  # 1/s^2 and 1/s: gains that bear half a second of lag and delay are between these
@@ -45,7 +47,7 @@ STRANGE = st.one_of(
 def test_the_law_gets_an_error_that_is_smaller_along_doubted_axes_alone_whatever_its_gain(
     error: list[float], gain: float, doubts: tuple[bool, bool]
 ) -> None:
-    doubt, xi = Doubt(FLIGHT, BOUNDS, 1), np.array([error])
+    doubt, xi = Doubt.of_flight(FLIGHT, BOUNDS, 1), np.array([error])
     seen = doubt.soften(xi, np.array([doubts]), np.array([gain]))
     for axis in range(3):
         if not doubts[axis == 2]:
@@ -83,7 +85,7 @@ def test_a_landing_drone_that_is_stopped_at_once_and_stays_there_is_carried_and_
 def test_old_poses_and_those_that_are_not_where_they_are_expected_are_doubted_for_two_seconds(
     seen: tuple[float, float, float], begin: float
 ) -> None:
-    doubt, age, innovation = Doubt(FLIGHT, BOUNDS, 1), np.array(seen[:1]), np.array([seen[1:]])
+    doubt, age, innovation = Doubt.of_flight(FLIGHT, BOUNDS, 1), np.array(seen[:1]), np.array([seen[1:]])
     doubt.look(begin, ~FLYING, age, innovation)
     doubt.look(begin, FLYING, np.full(1, 0.1), BOUNDS[np.newaxis])
     assert not doubt.any
@@ -99,7 +101,7 @@ def test_old_poses_and_those_that_are_not_where_they_are_expected_are_doubted_fo
 
 
 def test_who_is_doubted_again_and_again_is_so_for_longer_each_time() -> None:
-    doubt, now, lasted = Doubt(FLIGHT, BOUNDS, 1), 0.0, []
+    doubt, now, lasted = Doubt.of_flight(FLIGHT, BOUNDS, 1), 0.0, []
     for _ in range(4):
         doubt.look(now, FLYING, np.full(1, 0.2), CALM)
         begin = now
@@ -112,9 +114,42 @@ def test_who_is_doubted_again_and_again_is_so_for_longer_each_time() -> None:
     assert not doubt.of(now + 63.1).any()
 
 
+def test_who_is_seen_to_swing_is_flown_softly_for_a_minute_along_all_axes_whatever_its_gain() -> None:
+    doubt, swings = Doubt.of_swings(DIRECT.matrix, DIRECT.period, 2), np.array([True, False])
+    assert doubt.ease(1.0, swings).tolist() == [True, False]
+    assert doubt.ease(1.1, swings).tolist() == [False, False], "it is flown so already"
+    assert doubt.of(60.9).tolist() == [[True, True], [False, False]]
+    assert not doubt.of(61.1).any()
+    assert [index for index, _ in doubt.reports()] == [0]
+    for gain in (1.0, DIRECT.gain_max):
+        for entry in range(6):
+            alone = np.zeros((2, 6))
+            alone[:, entry] = 1.0
+            seen = doubt.soften(alone, np.ones((2, 2), dtype=bool), np.full(2, gain))
+            assert -gain * (seen @ DIRECT.matrix[:, 3:])[0, entry % 3] >= -SOFT
+
+
+@given(swing=st.floats(0.0, 4.0), lasting=st.floats(-0.8, 0.8))
+@settings(max_examples=10)
+def test_without_a_flight_section_a_disturbance_that_swings_up_and_down_makes_a_loop_doubtful(
+    swing: float, lasting: float
+) -> None:
+    pilot = Pilot(DIRECT, Tuning(2.0, 0.05, 1.0, DIRECT.gain_max), Policy(disturbance_max=0.8), 1)
+    loop, fly_ = pilot._parts.loop, np.ones(1, dtype=bool)
+    steered = Steered(fly_, ~fly_, ~fly_, None, None, lambda _: ~fly_)
+    found = False
+    for tick in range(200):
+        estimated = np.zeros((1, 9))
+        estimated[0, 8] = lasting + swing * np.sin(2.0 * np.pi * DIRECT.period * tick)
+        loop.aim(DIRECT.period * tick, estimated, np.zeros((1, 9)), steered)
+        found |= loop.doubted is not None
+    if not 1.2 < swing < 1.8:
+        assert found == (swing > 1.5)
+
+
 @given(pushes=st.lists(st.floats(-3.0, 3.0), min_size=2, max_size=20))
 def test_of_a_doubted_drone_a_disturbance_is_made_up_for_slowly_and_of_others_at_once(pushes: list[float]) -> None:
-    doubt, before = Doubt(FLIGHT, BOUNDS, 2), np.zeros(3)
+    doubt, before = Doubt.of_flight(FLIGHT, BOUNDS, 2), np.zeros(3)
     doubt.look(0.0, np.array([True, False]), np.full(2, 0.2), np.zeros((2, 2)))
     for number, push in enumerate(pushes):
         found = doubt.slowed(0.02 * number, lambda: np.full((2, 3), 0.3), np.full((2, 3), push))
@@ -131,7 +166,8 @@ def test_of_a_doubted_drone_a_disturbance_is_made_up_for_slowly_and_of_others_at
 
 @pytest.mark.parametrize("late", [0.03, 0.2, 0.33])
 def test_a_drone_that_is_flown_softly_does_not_swing_with_late_commands(late: float) -> None:
-    doubt, plant, estimator = Doubt(FLIGHT, BOUNDS, 1), np.zeros(3), Estimator(1)  # position, velocity, acceleration
+    doubt, estimator = Doubt.of_flight(FLIGHT, BOUNDS, 1), Estimator(1)
+    plant = np.zeros(3)  # position, velocity, acceleration
     doubt.look(0.0, FLYING, np.full(1, 0.2), CALM)
     plant[0], commands, heights = 0.1, [0.0] * (round(late / 0.02) + 1), []
     for tick in range(1500):
@@ -151,7 +187,7 @@ def test_a_drone_that_is_flown_softly_does_not_swing_with_late_commands(late: fl
 
 
 def test_who_leaves_the_ground_is_doubted_sideways_for_a_moment() -> None:
-    doubt = Doubt(FLIGHT, BOUNDS, 2)
+    doubt = Doubt.of_flight(FLIGHT, BOUNDS, 2)
     doubt.wait(3.0, np.array([True, False]))
     assert doubt.of(4.0).tolist() == [[True, False], [False, False]]
     assert not doubt.of(4.6).any()
@@ -161,7 +197,7 @@ def test_who_leaves_the_ground_is_doubted_sideways_for_a_moment() -> None:
 def test_thrust_that_is_not_known_yet_is_nothing_strange_in_its_height_but_a_large_swing_is(
     off: float, early: bool
 ) -> None:
-    doubt = Doubt(FLIGHT, BOUNDS, 2)
+    doubt = Doubt.of_flight(FLIGHT, BOUNDS, 2)
     doubt.wait(3.0, np.array([True, False]))
     for now, raised in ((4.4, [early, True]), (4.6, [True, True])):
         doubt.look(now, np.ones(2, dtype=bool), np.zeros(2), np.array([[0.0, off]] * 2))
@@ -176,7 +212,7 @@ def test_a_doubt_lasts_until_the_drone_is_near_its_reference_in_height_and_slow(
         ([0.05, 0.1], False, None),
         ([0.2, -0.3], False, touches),
     ):
-        doubt = Doubt(FLIGHT, BOUNDS, 1)
+        doubt = Doubt.of_flight(FLIGHT, BOUNDS, 1)
         doubt.look(1.0, np.ones(1, dtype=bool), np.full(1, 1.0), np.zeros((1, 2)))
         for now in np.arange(1.0, 6.0, 0.02):
             doubt.hold(now, np.array([[9.0, 9.0, error[0], 9.0, 9.0, error[1]]]), touching)
@@ -186,7 +222,7 @@ def test_a_doubt_lasts_until_the_drone_is_near_its_reference_in_height_and_slow(
 
 
 def test_who_was_flown_softly_within_a_minute_lands_softly() -> None:
-    doubt = Doubt(FLIGHT, BOUNDS, 3)
+    doubt = Doubt.of_flight(FLIGHT, BOUNDS, 3)
     doubt.look(1.0, np.array([True, True, False]), np.ones(3), np.zeros((3, 2)))
     doubt.land(50.0, np.array([True, False, True]))
     assert doubt.any
@@ -196,7 +232,7 @@ def test_who_was_flown_softly_within_a_minute_lands_softly() -> None:
 
 
 def test_who_has_left_the_ground_and_is_not_where_it_is_expected_is_doubted_for_longer_and_not_for_ever() -> None:
-    doubt, three = Doubt(FLIGHT, BOUNDS, 3), np.ones(3, dtype=bool)
+    doubt, three = Doubt.of_flight(FLIGHT, BOUNDS, 3), np.ones(3, dtype=bool)
     doubt.wait(3.0, three)
     for now in np.arange(60.5, 160.0) / 20.0:
         off = [0.004, 0.004 if now < 5.0 else 0.0, 0.002]

@@ -40,7 +40,7 @@ def test_a_gust_that_pushes_up_or_down_for_a_moment_is_no_reason_to_doubt_but_a_
     size: float, lasts: float, apart: float, period: float
 ) -> None:
     def doubted(shape: Callable[[float], float], seconds: float) -> bool:
-        doubt, found = Doubt(FLIGHT, BOUNDS, 1), False
+        doubt, found = Doubt.of_flight(FLIGHT, BOUNDS, 1), False
         for now in np.arange(0.0, seconds, 0.02):
             doubt.look(now, FLYING, np.zeros(1), np.array([[0.0, abs(shape(now))]]))
             found |= bool(doubt.of(now).any())
@@ -52,7 +52,7 @@ def test_a_gust_that_pushes_up_or_down_for_a_moment_is_no_reason_to_doubt_but_a_
 
 
 def test_who_is_doubted_again_by_chance_is_so_for_no_longer_than_before() -> None:
-    doubt = Doubt(FLIGHT, BOUNDS, 1)
+    doubt = Doubt.of_flight(FLIGHT, BOUNDS, 1)
     for now in (0.0, 8.5, 17.0):
         doubt.look(now, FLYING, np.full(1, 0.2), CALM)
         assert doubt.of(now + 1.9).all()

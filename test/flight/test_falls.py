@@ -100,11 +100,22 @@ def test_who_is_not_seen_is_not_told_to_fall_and_neither_is_who_was_seen_before_
         assert not detector.fell(0.2, state, push, np.zeros(1), np.full(1, 9.0), JUDGED)[0]
 
 
-@pytest.mark.parametrize(("late", "thrust", "gust"), [(0.2, 1.0, 0.0), (0.2, 0.85, 1.0), (0.3, 1.15, 0.0)])
+@pytest.mark.parametrize(
+    ("name", "late", "thrust", "gust"),
+    [
+        ("cf21_adaptive_50hz", 0.2, 1.0, 0.0),
+        ("cf21_adaptive_50hz", 0.2, 0.85, 1.0),
+        ("cf21_adaptive_50hz", 0.3, 1.15, 0.0),
+        ("cf21_50hz", 0.2, 0.85, 0.5),
+        ("cf21_50hz", 0.3, 1.0, 0.0),
+        ("paper_experiment", 0.3, 1.15, 0.0),
+        ("paper_robust", 0.2, 1.0, 0.0),
+    ],
+)
 def test_commands_that_are_late_from_before_the_take_off_on_cut_no_motors_and_drop_no_drone(
-    late: float, thrust: float, gust: float
+    name: str, late: float, thrust: float, gust: float
 ) -> None:
-    vehicle, certificate = load_vehicle("cf21"), load_certificate("cf21_adaptive_50hz")
+    vehicle, certificate = load_vehicle("cf21"), load_certificate(name)
     fleet = SimulatedFleet(
         vehicle,
         2,

@@ -38,6 +38,14 @@ def test_what_the_scale_gains_is_what_disturbs_less(true: float, upward: float, 
     assert abs(disturbance[0]) < abs(true / 1.125 - 1.0) * upward + 1e-12
 
 
+@given(upward=st.floats(0.0, 5.0), disturbance=st.floats(-9.0, 9.0), quick=st.booleans())
+def test_little_thrust_shows_little_of_its_scale(upward: float, disturbance: float, quick: bool) -> None:
+    thrust, air = ThrustScale(1, 0.25, quick=quick), np.ones(1, bool)
+    before = float(thrust.scale[0])
+    thrust.learn(np.full(1, upward), np.full(1, disturbance), air, ~air, 0.01)
+    assert abs(float(thrust.scale[0]) - before) <= 0.045
+
+
 def test_what_a_drone_gains_once_it_rises_is_no_lack_of_thrust() -> None:
     certificate, vehicle = load_certificate("cf2x_2025_adaptive_50hz"), load_vehicle("cf2x_2025")
     policy = Policy(disturbance_max=0.8, thrust_error_max=0.25, drag=vehicle.dynamics.drag_z)
