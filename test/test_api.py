@@ -6,8 +6,10 @@ import ast
 import importlib
 import inspect
 import os
+import re
 import subprocess
 import sys
+import textwrap
 from collections.abc import Callable
 from inspect import Parameter, signature
 from pathlib import Path
@@ -146,3 +148,58 @@ def test_packaged_certificates_and_vehicles_are_loaded_by_name_and_others_by_pat
         load_vehicle("cf22")
     with pytest.raises(FlatsatError, match=r"no packaged configuration 'cf21'.*cf21_50hz"):
         load_certificate("cf21")
+
+
+def offered() -> dict[str, tuple[Callable[..., object], str]]:
+    """Public functions, and public methods of public classes, of all rooms, each with the text that explains it.
+
+    What has no text of its own, as the arguments of a dataclass, is explained in that of the class.
+    """
+    found: dict[str, tuple[Callable[..., object], str]] = {}
+    for room in ROOMS:
+        module = importlib.import_module(".".join(room.parts))
+        for name in module.__all__:
+            value = getattr(module, name)
+            if inspect.isfunction(value):
+                found[f"{value.__module__}.{name}"] = value, inspect.getdoc(value) or ""
+            elif inspect.isclass(value) and not getattr(value, "_is_protocol", False):
+                for inner, member in vars(value).items():
+                    function = getattr(member, "__func__", member)  # of class methods and static ones
+                    if inspect.isfunction(function) and (inner.endswith("init__") or not inner.startswith("_")):
+                        text = function.__doc__ if inner != "__post_init__" else None
+                        found[f"{value.__module__}.{name}.{inner}"] = function, inspect.cleandoc(text or value.__doc__)
+    return found
+
+
+OFFERED = offered()
+
+
+def test_every_argument_of_what_is_offered_is_explained() -> None:
+    assert len(OFFERED) > 200
+    unexplained = [
+        f"{place}({name})"
+        for place, (function, text) in OFFERED.items()
+        if not re.search(r"arguments are (those of|as for)", text)
+        for name in signature(function).parameters
+        if name not in ("self", "cls") and not re.search(rf"\b{name}\b", text)
+    ]
+    assert unexplained == []
+
+
+def refuses(function: Callable[..., object]) -> bool:
+    """Whether a function raises an error, or calls what refuses, by the names of `base.errors` and `base.arrays`."""
+    if not Path(function.__code__.co_filename).is_file():  # type: ignore[attr-defined]  # made by dataclass
+        return False
+    for node in ast.walk(ast.parse(textwrap.dedent(inspect.getsource(function)))):
+        called = ast.unparse(node.func).rpartition(".")[2] if isinstance(node, ast.Call) else ""
+        if called in ("finite_array", "float_array") or called.startswith("require"):
+            return True
+        if isinstance(node, ast.Raise) and node.exc is not None:
+            return True
+    return False
+
+
+def test_what_is_offered_and_refuses_something_says_so() -> None:
+    refusing = {place: text for place, (function, text) in OFFERED.items() if refuses(function)}
+    assert len(refusing) > 50
+    assert [place for place, text in refusing.items() if not re.search(r"^Raises:$|[Rr]efus", text, re.MULTILINE)] == []

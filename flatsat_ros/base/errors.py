@@ -76,6 +76,11 @@ def require_number(name: str, value: object, unit: str, least: float = -LARGEST,
 def require_positive(name: str, value: object, unit: str) -> float:
     """Return a value as a float, refusing what is not a number from SMALLEST to LARGEST.
 
+    Args:
+        name: of the value, for the error.
+        value: what must be a number above 0, not a boolean.
+        unit: of the value, for the error.
+
     Raises:
         FlatsatError: it is not.
     """
@@ -87,6 +92,8 @@ def require_positive(name: str, value: object, unit: str) -> float:
 def require_not_negative(name: str, value: object, unit: str) -> float:
     """Return a value as a float, refusing what is not a number from 0 to LARGEST.
 
+    The arguments are those of `require_positive`.
+
     Raises:
         FlatsatError: it is not.
     """
@@ -95,6 +102,8 @@ def require_not_negative(name: str, value: object, unit: str) -> float:
 
 def require_zero_or_positive(name: str, value: object, unit: str) -> float:
     """Return a value as a float, refusing what is neither 0 nor a number from SMALLEST to LARGEST.
+
+    The arguments are those of `require_positive`.
 
     Raises:
         FlatsatError: it is not.

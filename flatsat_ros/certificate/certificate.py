@@ -216,6 +216,9 @@ class Certificate:
     def read(cls, path: str | os.PathLike[str]) -> Certificate:
         """Read a certificate of which nothing is proved.
 
+        Args:
+            path: of the file.
+
         Raises:
             FlatsatError: the file cannot be read, or its form is another.
         """

@@ -169,7 +169,7 @@ class Sets:
         )
 
     def level_and_kappa(self, state: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return level and kappa of N states, (N,) each, as `classify` does, without asking for the guarantee."""
+        """Return level and kappa of N states, (N,) each, as `classify` does; the arguments are those of `levels`."""
         lateral, upright = self.levels(state)
         total = lateral + upright
         if all_of(total <= self.level):

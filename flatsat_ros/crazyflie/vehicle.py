@@ -46,6 +46,9 @@ class AttitudeResponse:
         actuator_lag: tau_a, s; 0 leaves a second-order response.
         integral_zero: z, rad/s, of the slow factor that the integral terms of the attitude controller add; 0: none.
         integral_pole: p, rad/s, likewise; the response overshoots by about p/z - 1 for a time of 1/p.
+
+    Raises:
+        FlatsatError: a value is not a number of its range, only one of z and p is 0, or tau_a makes the loop unstable.
     """
 
     natural_frequency: float
@@ -86,6 +89,9 @@ class Dynamics:
         dead_time: from a command's arrival to the first effect, s.
         velocity_tilt: k, rad s/m: besides its command the drone leans into its motion by k times its velocity, which an
             on-board estimate does that takes drag for tilt (then 0 < k < drag / g). 0: none.
+
+    Raises:
+        FlatsatError: a value is not a number of its range.
     """
 
     attitude: AttitudeResponse
@@ -117,6 +123,9 @@ class Motors:
         idle_pwm: smallest motor command while armed, 0..65535.
         arming_required: whether the drone flies only after an arming request.
         hover_pwm: thrust command that the on-board position controller takes for a hover, 0..65535.
+
+    Raises:
+        FlatsatError: a value is not a number of its range, or the force does not rise with the voltage.
     """
 
     voltage_to_force: tuple[float, float, float, float]
@@ -150,6 +159,9 @@ class BatteryLimits:
         landing_voltage: V, at which the controller lands the drone; left out or 0: low_voltage.
         warning_voltage: V, at which the controller warns, and up to which no drone takes off; left out or 0: 0.1 V
             above landing_voltage.
+
+    Raises:
+        FlatsatError: a value is not a number of its range, or they are not in their order.
     """
 
     low_voltage: float
@@ -188,6 +200,9 @@ class VehicleProfile:
             of the battery when the firmware has corrected its commands; 0: the force is the same at any voltage.
         voltage: V, under load, for which force_max is meant; it counts with thrust_voltage alone.
         intervals: how well the figures are known, of a profile that was identified; None: not known.
+
+    Raises:
+        FlatsatError: a value is not a number of its range, or the mass is more than the motors lift.
     """
 
     name: str
@@ -294,7 +309,7 @@ class VehicleProfile:
         return self.force_from_pwm(pwm) / self.mass
 
     def force_from_pwm(self, pwm: ArrayLike) -> FloatArray:
-        """Return the force, N, of thrust commands of any shape, from 0 to PWM_FULL: force_max (PWM / 65535)^slope."""
+        """Return the force, N, of thrust commands pwm, any shape, from 0 to PWM_FULL: force_max (pwm / 65535)^slope."""
         command = np.asarray(pwm, dtype=np.float64)
         if self.thrust_slope == 1.0:
             return command * (self.force_max / PWM_FULL)

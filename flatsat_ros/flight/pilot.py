@@ -74,9 +74,14 @@ class Pilot:
         self._parts.steering.retune(tuning)
 
     def set_goal(self, index: int, position: ArrayLike, yaw: float = 0.0) -> None:
-        """Give drone index a goal (3,), m, to rest at, and a yaw, rad; it takes off if it rests, and no longer lands.
+        """Give drone index a goal to rest at; it takes off if it rests, and no longer lands.
 
         Where other drones are in its way, it sets out later.
+
+        Args:
+            index: of the drone.
+            position: (3,) m, world frame.
+            yaw: psi, rad, counter-clockwise.
 
         Raises:
             FlatsatError: goal or yaw is not finite, the goal is outside the box or another drone's place, or the drone
@@ -107,7 +112,9 @@ class Pilot:
         self._step.begin(index, patient=True)
 
     def set_planned(self, index: int, trajectory: Trajectory) -> None:
-        """Give drone index, which flies, its part of a plan whose pairs `traffic` was told with `Traffic.prove`.
+        """Give drone index, which flies, its part of a plan: a trajectory.
+
+        The distances that the plan proves between its drones must have been given to `traffic` by `Traffic.prove`.
 
         Raises:
             FlatsatError: it does not fly, or see `set_reference`.
@@ -191,7 +198,7 @@ class Pilot:
         self._parts.supervisor.arm(index, armed, height)
 
     def note_link(self, index: int, linked: bool) -> None:
-        """Note whether somebody takes the commands of drone index: before that its thrust lock cannot be opened."""
+        """Note whether drone index is linked: until somebody takes its commands, its thrust lock cannot be opened."""
         self._parts.supervisor.linked[index] = linked
 
     def is_opening(self, index: int) -> bool:
@@ -264,11 +271,11 @@ class Pilot:
     def measure(
         self, index: int, stamp: float, position: Sequence[float], quaternion: Sequence[float], now: float
     ) -> bool:
-        """Store a pose of drone index; see `Estimator.measure`."""
+        """Store a pose of drone index; the arguments are those of `Estimator.measure`."""
         return self.estimator.measure(index, stamp, position, quaternion, now)
 
     def note_battery(self, index: int, voltage: float, limits: VoltageLimits, now: float) -> None:
-        """Take in a battery voltage, V, of drone index; an empty one makes it land, see `flight.battery`."""
+        """Take in a voltage, V, of the battery of drone index at time now, s; if it is empty by the limits, land it."""
         finding = self.batteries.measure(index, voltage, limits, now)
         self.clearance.bar(index, Cause.BATTERY, self.batteries.refusal(index))
         if finding is None:

@@ -112,7 +112,15 @@ class Trajectory:
 
     @classmethod
     def hold(cls, position: ArrayLike, yaw: float = 0.0) -> Trajectory:
-        """Return the set-point: stay at position (3,), m, from any time on."""
+        """Return the set-point: stay at a place from any time on.
+
+        Args:
+            position: (3,) m, world frame.
+            yaw: psi, rad, counter-clockwise.
+
+        Raises:
+            FlatsatError: a value is not finite, or position is not (3,).
+        """
         return cls.through([0.0], [finite_array("position", position, 3)], np.zeros((1, 3)), np.zeros((1, 3)), yaw)
 
     def shifted(self, offset: float) -> Trajectory:
@@ -164,6 +172,9 @@ class Trajectory:
         The acceleration of each piece lies in the convex hull of its Bernstein control points and the distance is a
         concave function, so the smallest over the control points is a bound for all times. With a margin m the law has
         an applied gain of at least 1 wherever |B'P xi| <= m (docs/mathematics.md).
+
+        Args:
+            limits: the input set V_c.
         """
         return nearest(self.coefficients[:, 2:] * _SECOND[:, np.newaxis], self.times, limits)
 
@@ -195,6 +206,9 @@ class Trajectory:
 
     def require_margin(self, limits: InputSet) -> float:
         """Return the margin, m/s^2, refusing a path that may use up the input set: nothing would be left to steer.
+
+        Args:
+            limits: the input set V_c.
 
         Raises:
             FlatsatError: names the time, the limit and by how much.

@@ -81,6 +81,9 @@ def read_csv(path: str | os.PathLike[str]) -> Recording:
     in which only columns at the end are missing or a last number is not complete, is left out wherever it stands:
     recorders are interrupted and start again. Empty lines do not count.
 
+    Args:
+        path: of the file.
+
     Raises:
         FlatsatError: the file cannot be read or is larger than the bounds above, its first line is not the column
             names, a line is neither a pose nor torn, or there is no pose; the text names the line.

@@ -110,7 +110,7 @@ class InputSet:
         return self.gauge_of_finite(finite_array("v", v, 3))
 
     def gauge_of_finite(self, v: FloatArray) -> FloatArray:
-        """Return `gauge` of an array that is known to be finite and (..., 3)."""
+        """Return `gauge` of an array v that is known to be finite and (..., 3)."""
         g, sin = self.gravity, math.sin(self.tilt_max)
         scale = _size(v)
         scaled = v / scale[..., np.newaxis]
@@ -182,7 +182,7 @@ class InputSet:
         return self.exit_factor_of_finite(base, finite_array("v", v, 3))
 
     def exit_factor_of_finite(self, base: FloatArray, v: FloatArray) -> FloatArray:
-        """Return `exit_factor` of arrays that are known to be finite and (..., 3)."""
+        """Return `exit_factor` of base and v that are known to be finite and (..., 3); it refuses the same bases."""
         radius, up = np.hypot(base[..., 0], base[..., 1]), base[..., 2] + self.gravity
         left = np.minimum(
             self.thrust_max - np.hypot(radius, up), np.minimum(self._slope * up - radius, up - self.thrust_min)
@@ -196,7 +196,7 @@ class InputSet:
             return np.asarray(1.0 / (self._exits(base, v / scale[..., np.newaxis], _ALL) * scale))
 
     def reach_of_finite(self, base: FloatArray, v: FloatArray, most: FloatArray) -> FloatArray:
-        """Return the smaller one of most (...) and `exit_factor` of arrays that are known to be finite and (..., 3).
+        """Return the smaller one of most (...) and `exit_factor` of base and v, known to be finite and (..., 3).
 
         To be called where numpy does not warn of divisions.
         """
@@ -271,7 +271,7 @@ class InputSet:
         return np.asarray(np.minimum(np.minimum(cone, self.thrust_max - np.hypot(radius, up)), up - self.thrust_min))
 
     def nearest_limit(self, v: ArrayLike) -> str:
-        """Return the name of the limit that is nearest to one acceleration v (3,), m/s^2."""
+        """Return the name of the limit nearest to one acceleration v (3,), m/s^2; other shapes and NaN are refused."""
         v = finite_array("v", v, 3)
         radius, up = math.hypot(v[0], v[1]), float(v[2]) + self.gravity
         distances = {

@@ -55,7 +55,7 @@ class Table:
         self._place = ""
 
     def at(self, place: str) -> None:
-        """Say where the paper prints what follows."""
+        """Say at which place of the paper the following rows are printed."""
         self._place = place
 
     def number(

@@ -41,6 +41,9 @@ class Asked:
         yaw: held, rad.
         given: a reference from elsewhere, whose path is kept; its ends are the way-points then.
         radii: (W,) m, within which the way-points are passed; None for all exactly. Start and goal always are.
+
+    Raises:
+        FlatsatError: the name is no robot's, a number is not finite or outside its range, or a shape is wrong.
     """
 
     name: str
@@ -52,7 +55,17 @@ class Asked:
 
     @classmethod
     def following(cls, name: str, given: Curve, body: float, yaw: float = 0.0) -> Asked:
-        """Return a drone that follows a reference from elsewhere."""
+        """Return a drone that follows a given reference.
+
+        Args:
+            name: the robot's.
+            given: the reference.
+            body: radius, m, in the downwash metric.
+            yaw: held, rad, counter-clockwise.
+
+        Raises:
+            FlatsatError: as the class.
+        """
         return cls(name, np.array([given.points[0], given.points[-1]]) * 1e-9, body, yaw, given=given)
 
     @property

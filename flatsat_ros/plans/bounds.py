@@ -107,13 +107,16 @@ class Bounds:
         return {2: mixed} | {order: each for order, each in ((1, drag), (3, lead)) if any(each)}
 
     def room(self, limits: InputSet) -> InputSet:
-        """Return the part of an input set in which f keeps the margin."""
+        """Return the part of an input set, limits, in which f keeps the margin."""
         most = limits.thrust_max if self.thrust_max is None else min(self.thrust_max, limits.thrust_max)
         least = limits.thrust_min if self.thrust_min is None else max(self.thrust_min, limits.thrust_min)
         return replace(limits, thrust_max=most, thrust_min=least)
 
     def within(self, limits: InputSet) -> None:
         """Refuse a margin that leaves no acceleration.
+
+        Args:
+            limits: the input set V_c.
 
         Raises:
             FlatsatError: it does not fit the input set.

@@ -85,7 +85,14 @@ class Curve:
 
     @classmethod
     def rounded(cls, knots: Sequence[int], points: FloatArray, degree: int = DEGREE, *, closed: bool = False) -> Curve:
-        """Return the curve with control points (n, 3), m, rounded to nanometres."""
+        """Return the curve with control points in metres, rounded to nanometres.
+
+        Args:
+            knots: us, as the class has them.
+            points: (n, 3) m, world frame.
+            degree: 5 or 7.
+            closed: whether it is one lap that begins again where it ends.
+        """
         whole = np.rint(points * 1e9).astype(np.int64).tolist()
         return cls(tuple(knots), tuple((x, y, z) for x, y, z in whole), degree, closed)
 
@@ -121,6 +128,8 @@ class Curve:
     def fixed(self, order: int = 0, edges: Sequence[int] | None = None) -> IntArray:
         """Return `bezier` as fixed-point numbers (E, degree + 1 - order, 3), UNIT for 1 m, m/s, ...: off by up to 1/2.
 
+        The arguments are those of `bezier`.
+
         Raises:
             FlatsatError: a value is beyond 2^40 of these units; about 1000 m, m/s, ...
         """
@@ -150,7 +159,7 @@ class Curve:
         return _fixed(total, common, name)
 
     def trajectory(self, yaw: float = 0.0) -> Trajectory:
-        """Return the same polynomials, in floats, from time 0 on; one lap if it is closed."""
+        """Return the same polynomials in floats, from time 0 on, with a yaw, rad; one lap if the curve is closed."""
         values, divisors = self.bezier()
         points = (values / divisors[:, np.newaxis, np.newaxis]).astype(np.float64)
         times = np.array(self.knots) / 1e6

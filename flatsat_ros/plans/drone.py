@@ -58,6 +58,9 @@ class Tube:
         radius: m, in the downwash metric.
         source: what says so; "given": the user does, and nothing proves it; "certificate": the flight section of the
             certificate that the plan was made for, for the plan's bounds of jerk and snap (`plans.tubes`).
+
+    Raises:
+        FlatsatError: the radius is not a number from 0 on, or there is no such source.
     """
 
     radius: float
@@ -79,6 +82,9 @@ class PlannedDrone:
         tube: how far it may be off.
         yaw: held, rad, counter-clockwise.
         waypoints: what the reference passes on time, start and goal among them.
+
+    Raises:
+        FlatsatError: the name is no robot's, or body or yaw is not a number of its range.
     """
 
     name: str
@@ -124,7 +130,16 @@ class PlannedDrone:
 
     @classmethod
     def from_document(cls, name: str, document: object, *, closed: bool) -> PlannedDrone:
-        """Build one drone from its part of the document, of a plan whose references are closed or not."""
+        """Build one drone from its part of the document of a plan.
+
+        Args:
+            name: of the drone.
+            document: its part, parsed.
+            closed: whether the references of the plan are closed.
+
+        Raises:
+            FlatsatError: the part is not exactly of its form; the text names the drone.
+        """
         try:
             values = section("the drone", document, _DRONE)
             knots, points, waypoints = (

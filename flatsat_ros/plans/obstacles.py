@@ -42,7 +42,16 @@ class Box:
 
     @classmethod
     def between(cls, name: str, lower: object, upper: object) -> Box:
-        """Return the box with corners in metres, each (3,); they are rounded to nanometres."""
+        """Return the box with corners in metres, rounded to nanometres.
+
+        Args:
+            name: of the obstacle.
+            lower: (3,) m, world frame.
+            upper: (3,) m.
+
+        Raises:
+            FlatsatError: a corner is not three finite numbers, or as the class.
+        """
         corners = []
         for which, given in (("lower", lower), ("upper", upper)):
             corner = finite_array(f"{which} of {name}", given, 3)

@@ -224,6 +224,9 @@ class Plan:
     def load(cls, path: str | os.PathLike[str]) -> Plan:
         """Read a plan and verify it.
 
+        Args:
+            path: of the file.
+
         Raises:
             FlatsatError: the file cannot be read or is not exactly of its form, its hash is not that of its content, or
                 a claim does not hold.
@@ -238,6 +241,9 @@ class Plan:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Verify and write the plan; the file is replaced in one step.
+
+        Args:
+            path: of the file.
 
         Raises:
             FlatsatError: a claim does not hold, or the file cannot be written.

@@ -136,6 +136,9 @@ class Wind:
         mean: (3,) air velocity, world frame, m/s.
         gust: standard deviation of the gusts per axis, m/s.
         gust_time: correlation time of the gusts, s.
+
+    Raises:
+        FlatsatError: a value is not a number of its range, or mean is not (3,).
     """
 
     mean: tuple[float, float, float] = (0.0, 0.0, 0.0)

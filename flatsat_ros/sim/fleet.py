@@ -127,13 +127,17 @@ class SimulatedFleet(Uplink):
         return self._step * STEP
 
     def reboot(self, index: int) -> None:
-        """Set a drone on its feet where it is, and switch it off and on."""
+        """Set drone index on its feet where it is, and switch it off and on."""
         self._check(index)
         self.bodies.set_upright(index)
         self.firmware.reboot(index, self._step * _MILLISECONDS)
 
     def advance_to(self, time: float) -> None:
-        """Integrate to an absolute time, s; times already passed are an error."""
+        """Integrate to an absolute time, s.
+
+        Raises:
+            FlatsatError: the time has passed already.
+        """
         require(self._now <= time < np.inf, "time", time, "s", f"{self._now} s, the present, or later")
         self._now = time
         last = int(np.floor(time / STEP + ROUNDING))

@@ -26,6 +26,9 @@ class Battery:
         voltage: open-circuit voltage at the start, V; by default that of a half-charged LiPo cell.
         sag: drop under load, V at full force.
         drain: fall of the open-circuit voltage, V/s at full force.
+
+    Raises:
+        FlatsatError: a value is not a number of its range, or the sag is not below the voltage.
     """
 
     voltage: float = 3.8

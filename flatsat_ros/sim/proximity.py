@@ -36,6 +36,9 @@ class Proximity:
         downwash: push on a drone right below another, over the other's lift, extended to no distance; 0 is none.
         reach: distance below a drone at which its downwash ends, m.
         width: distance sideways at which it is half as strong, m.
+
+    Raises:
+        FlatsatError: a value is not a number of its range.
     """
 
     ground_effect: float = 11.36859

@@ -42,6 +42,9 @@ class MotionCapture:
         dropout: probability that a sample of a drone is lost, independently of all others.
         gaps: pairs (start, end) of times, s, between which there is no sample of any drone.
         latency: time from the stamp of a sample to its release, s.
+
+    Raises:
+        FlatsatError: a value is not a number of its range, or a gap does not end after it starts.
     """
 
     rate: float = 100.0

@@ -144,7 +144,7 @@ def synthesize(
 
 
 def synthesize_paper(name: str) -> Certificate:
-    """Compute a certificate of the paper: `paper_simulation` or `paper_experiment`."""
+    """Compute the certificate of the paper with a name: paper_simulation or paper_experiment."""
     case = PAPER[name]
     inputs = {"thrust_max": "1.45 g", "tilt_max": "10 deg", "source": case.source}
     return synthesize(InputSet(1.45 * GRAVITY, math.radians(10.0), GRAVITY), case.rate, 0.1, name, inputs)

@@ -38,7 +38,7 @@ COLUMNS = (
 
 
 def figures_of(flight: Flight) -> dict[str, Any]:
-    """Return the table: `columns`, `rows` of drone and values, None for what is not recorded, and `lines` of text."""
+    """Return the table of a flight: `columns`, `rows` of drone and values (None: not recorded), `lines` of text."""
     return {
         "columns": [column._asdict() for column in COLUMNS],
         "rows": [{"drone": track.name, "values": _row(track)} for track in flight.tracks],

@@ -29,7 +29,7 @@ class Channel:
     stamps: FloatArray | None = None
 
     def column(self, name: str) -> FloatArray:
-        """Return the values (n,) of a field."""
+        """Return the values (n,) of the field with a name."""
         return np.asarray(self.samples[:, 1 + self.fields.index(name)])
 
     @property

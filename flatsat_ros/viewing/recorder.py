@@ -17,7 +17,7 @@ from flatsat_ros.viewing.flight import COMMAND_FIELDS, POSE_FIELDS, Channel, Fli
 
 
 def setup_of(certificate: Certificate, policy: Policy) -> dict[str, object]:
-    """Return what a viewer draws limits by: names and values, in SI units."""
+    """Return names and values, in SI units, by which a viewer draws the limits of a certificate and of a policy."""
     limits, box, flight = certificate.limits, policy.box, certificate.flight
     tubes = {}
     if flight is not None:
@@ -71,7 +71,14 @@ class Recorder:
         self._commands: list[list[list[float]]] = [[] for _ in names]
 
     def observe(self, now: float, poses: Iterable[MeasuredPose], tick: Tick, sent: Mapping[int, WireSetpoint]) -> None:
-        """Take in what a tick shows, as `flatsat_ros.fly` calls its observers."""
+        """Take in what a tick shows, as `flatsat_ros.fly` calls its observers.
+
+        Args:
+            now: time of the tick, s.
+            poses: measured since the tick before.
+            tick: of the pilot.
+            sent: set-points, by drone.
+        """
         for pose in poses:
             self._poses[pose.drone].append([pose.stamp, *pose.position, *pose.quaternion])
         for index, row in enumerate(telemetry.rows(tick)):
@@ -80,7 +87,7 @@ class Recorder:
             self._commands[index].append([now, setpoint.roll, setpoint.pitch, setpoint.yaw, setpoint.thrust])
 
     def flight(self, title: str) -> Flight:
-        """Return the flight so far."""
+        """Return the flight so far, under a title."""
         tracks = []
         for index, name in enumerate(self._names):
             recorded: dict[str, tuple[tuple[str, ...], list[Any]]] = {

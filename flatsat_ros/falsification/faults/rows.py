@@ -71,7 +71,13 @@ class Row:
 def fly_rows(
     wanted: Sequence[tuple[str, Phase]], workers: int, certificate: str = DEFAULT_CERTIFICATE
 ) -> Generator[Row]:
-    """Yield the rows of faults, by name, in phases, flown with a certificate; see `results_of`."""
+    """Yield the rows of faults in phases, in their order.
+
+    Args:
+        wanted: names of faults, each with a phase.
+        workers: number of processes.
+        certificate: that is flown: a packaged name or a path.
+    """
     yield from results_of(partial(_row, certificate=certificate), wanted, workers)
 
 
@@ -80,7 +86,14 @@ def _row(which: tuple[str, Phase], certificate: str) -> Row:
 
 
 def fly_row(name: str, phase: Phase, seed: int = SEED, certificate: str = DEFAULT_CERTIFICATE) -> Row:
-    """Fly one row."""
+    """Fly one row.
+
+    Args:
+        name: of the fault.
+        phase: in which it begins.
+        seed: of all that is drawn.
+        certificate: that is flown: a packaged name or a path.
+    """
     fault = FAULTS[name]
     if fault.fleet or _is_early(fault, phase):
         return replay(name, phase, seed, certificate)[0]
@@ -88,7 +101,10 @@ def fly_row(name: str, phase: Phase, seed: int = SEED, certificate: str = DEFAUL
 
 
 def replay(name: str, phase: Phase, seed: int = SEED, certificate: str = DEFAULT_CERTIFICATE) -> tuple[Row, Scene]:
-    """Fly one row from its beginning, and return it with its flight, whose moments are kept."""
+    """Fly one row from its beginning, and return it with its flight, whose moments are kept.
+
+    The arguments are those of `fly_row`.
+    """
     fault = FAULTS[name]
     scene = Scene(PLANS[phase].starts, seed, keep=True, certificate=certificate, **fault.fleet)
     if not _is_early(fault, phase):

@@ -75,7 +75,11 @@ class OrdinaryFlight:
     """One flight in progress."""
 
     def __init__(self, drawn: Drawn) -> None:
-        """Put the drones where they start."""
+        """Put the drones where they start.
+
+        Args:
+            drawn: what the flight is made of.
+        """
         certificate, vehicle, count = drawn.certificate, drawn.vehicle, len(drawn.places)
         self._drawn, self._count, self._random = drawn, count, np.random.default_rng([drawn.seed, 1])
         policy = default_policy(vehicle.dynamics.drag_z)

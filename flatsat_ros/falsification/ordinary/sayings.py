@@ -87,7 +87,12 @@ ALLOWED = (
 
 
 def alarms(drawn: Drawn, flown: Flown) -> Iterator[Said]:
-    """Yield what was said of a flight that is not true, and what went wrong in it."""
+    """Yield what was said of a flight that is not true, and what went wrong in it.
+
+    Args:
+        drawn: what the flight was made of.
+        flown: what came of it.
+    """
     for said in flown.said:
         if not any(re.fullmatch(each.text, said.text) and each.when(drawn, said) for each in ALLOWED):
             yield said

@@ -80,7 +80,11 @@ def verdict(soak: Soak) -> list[str]:
 
 
 def summary(soak: Soak) -> dict[str, object]:
-    """Return the figures of a flight, and its verdict, as they go into the file."""
+    """Return the figures of a flight that was watched, and its verdict, as they go into the file.
+
+    Args:
+        soak: the flight.
+    """
     problems = verdict(soak)
     return {
         "passed": not problems,
