@@ -111,6 +111,8 @@ def _robot(name: str, settings: Any, types: Mapping[str, Any]) -> Robot | None:
     flown = _connection(kind, types) == _LINKED
     given = settings.get("initial_position", _ORIGIN) if flown else _ORIGIN
     _require_given(place, given, "[x, y, z], in m")
+    for entry in given if isinstance(given, list) else ():
+        require(not isinstance(entry, str), f"an entry of {place}", entry, "m", "a plain decimal number")
     position = finite_array(place, given)
     require(position.shape == (3,), f"shape of {place}", position.shape, "", "(3,): x, y, z")
     x, y, z = (require_number(f"an entry of {place}", value, "m") for value in position.tolist())

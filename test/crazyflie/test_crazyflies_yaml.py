@@ -85,7 +85,13 @@ def test_what_a_file_leaves_open_and_whom_it_does_not_fly_is_told(text: str, tol
         ("robots: {cf1: }", r"robots\.cf1 is empty: must be enabled, uri, initial_position and type"),
         ("robots: {cf1: {initial_position: }}", r"robots\.cf1\.initial_position is empty: must be \[x, y, z\], in m"),
         ("robots: {cf1: {enabled: }}", r"robots\.cf1\.enabled is empty: must be true or false"),
-        ("robots: {cf1: {initial_position: [01, 0, 0]}}", r"initial_position = .*: must be an array of numbers"),
+        *(
+            (
+                f"robots: {{cf1: {{initial_position: [{number}, 0, 0]}}}}",
+                rf"an entry of robots\.cf1\.initial_position = '{number}' m: must be a plain decimal number",
+            )
+            for number in ("01", "1_0", "0x1", "1:30", "1e3", "0o7")
+        ),
         ("fileversion: 03\nrobots: {cf1: {}}", "fileversion = '03': must be one of 1, 2, 3"),
         ("robots: {1: {}}", "cannot be read: line 1: .*must be text"),
     ],
