@@ -60,7 +60,7 @@ class Membership(NamedTuple):
 
 @lru_cache(maxsize=16)
 def _all_inside(shape: tuple[int, ...]) -> tuple[np.ndarray, FloatArray, np.ndarray]:
-    """Return place, kappa and guarantee of states (...) that are all in E, which nobody can change."""
+    """Return place, kappa and guarantee of states (...) that are all in E, as read-only arrays."""
     place, kappa, guaranteed = (np.broadcast_to(value, shape) for value in (Place.ELLIPSOID.value, 1.0, True))
     return place, kappa, guaranteed
 

@@ -1,6 +1,6 @@
 """The robots of a crazyswarm2 set-up, read from the user's own crazyflies.yaml.
 
-Whatever is not flown is told: robots of a type without a connection are tracked beside the drones, such as a person.
+Robots of a type without a connection, such as a person with markers, are tracked but not flown; they are reported.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Whether a flight certificate is one for a vehicle: the plants of its proof must include it."""
+"""Whether a flight certificate holds for a vehicle: the plants of its proof must include the vehicle's."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight_plant import Plant
 from flatsat_ros.crazyflie.vehicle import Dynamics, VehicleProfile
 
-# s, from a command to the drone, which a controller takes for granted by default: computer and radio
+# s, from a command to the drone: the default of a controller, for computer and radio
 LINK_DELAY = 0.028
-# an attitude loop that is damped less is no first-order lag
+# with less damping an attitude loop is no first-order lag
 UNDERDAMPED = 0.75
 # figures in files are rounded, relative
 _ROUNDING = 1e-6
@@ -76,7 +76,7 @@ def require_fit(certificate: Certificate, vehicle: VehicleProfile, link_delay: f
 
 
 def another(certificate: Certificate, vehicle: VehicleProfile) -> str:
-    """Return, as the end of a refusal, which certificate there is for a vehicle, at the rate of one that is not."""
+    """Return the end of a refusal: which certificate of the same rate is packaged for a vehicle, if any."""
     name = f"{vehicle.name}_adaptive_{round(1.0 / certificate.period)}hz"
     if name != certificate.name and is_packaged(name):
         return f"; {name} is packaged for this vehicle"

@@ -38,7 +38,7 @@ class Stage(ABC):
 
     @abstractmethod
     def now(self) -> float:
-        """Return the time, s, from any moment on."""
+        """Return the time, s, on a clock that begins anywhere."""
 
     @abstractmethod
     def step(self) -> None:
@@ -73,7 +73,7 @@ class Stage(ABC):
         """Return the names of the drones that the controller still commands."""
 
     def wait_until(self, holds: Callable[[], bool], seconds: float) -> bool:
-        """Wait until something holds, at most so long; return whether it does."""
+        """Wait until a condition holds, for at most a time, s; return whether it holds."""
         end = self.now() + seconds
         while not holds():
             before = self.now()
@@ -84,17 +84,17 @@ class Stage(ABC):
         return True
 
     def let_pass(self, seconds: float) -> None:
-        """Wait so long."""
+        """Wait for a time, s."""
         self.wait_until(lambda: False, seconds)
 
     @contextmanager
     def progress(self, seconds: float, description: str, *, leave: bool = True) -> Iterator[None]:
-        """Show on stderr how much of a time is over.
+        """Show on stderr, as a bar, how much of a time has passed.
 
         Args:
-            seconds: of it all.
-            description: what happens in it.
-            leave: let the bar stand at the end, filled.
+            seconds: the whole time.
+            description: what happens meanwhile.
+            leave: whether the bar stays, filled, at the end.
         """
         with tqdm(total=seconds, unit="s", desc=description, bar_format=_BAR, leave=leave) as self._bar:
             yield

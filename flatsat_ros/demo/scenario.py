@@ -196,9 +196,9 @@ def _require_inside(room: ReferenceBox, robots: Sequence[str], paths: Sequence[T
 
 
 def _separation(plan: Plan) -> float:
-    """Return how far apart the rules keep drones where the plan does not, m: as far as that, at most as by default.
+    """Return the separation for drones that do not follow the plan, m: the least that the plan keeps, or the default.
 
-    So drones that a plan leads side by side have room to take off and to land there.
+    The smaller one counts, so that drones which a plan leads side by side have room to take off and to land there.
     """
     asked = [float(plan.required(*pair)) - _BESIDE for pair in itertools.combinations(plan.drones, 2)]
     return max(_SEPARATION_MIN, min([Policy().separation, *asked]))

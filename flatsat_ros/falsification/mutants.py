@@ -1,9 +1,9 @@
-"""Certificates that claim a little less or more than one that holds: the checker must tell which is which.
+"""Certificates that claim a little less or more than one that holds: the checker must accept or refuse each rightly.
 
-A claim has a slack, by how much its inequality holds, that `synthesize --verify` prints. So of three kinds of mutants
-the verdict is known beforehand: those that claim less hold, those that claim more by less than the slack hold, too, and
-those that claim more by more than the slack must be refused. A tube may also be claimed for other inputs: its bounds
-are proportional to all that is assumed together.
+A claim has a slack, the amount by which its inequality holds; `synthesize --verify` prints it. So the verdict on three
+kinds of mutants is known beforehand. Those that claim less hold, those that claim more by less than the slack hold as
+well, and those that claim more by more than the slack must be refused. A tube may also be claimed for other inputs: its
+bounds are proportional to all inputs together.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ KINDS = ("weaker", "within the slack", "beyond the slack")
 
 # A figure of a document: its place, and what is written there.
 Figures = dict[tuple[str, ...], Any]
-# What a share from 0 to 1 makes of a claim.
+# Returns the changed figures of a claim for a share from 0 to 1.
 Change = Callable[[float], Figures]
 
 # Share of the mutants for which a tube is proved again, because their inputs are others.
 _PROVED_AGAIN = 0.02
 
-# Decades of how much more or less is claimed, relatively. Below, the last digits of a slack would decide.
+# Claims are changed by relative amounts over so many decades. Smaller changes are within the rounding of a slack.
 _DECADES = 11.0
-# What slacks are computed to, relatively, and contractions.
+# The relative accuracy of slacks, and of contractions.
 _DIGITS, _KNOWN = 1e-13, 1e-9
 # Nearly 1: no figure becomes 0.
 _INSIDE = 1.0 - 1e-9
@@ -43,7 +43,7 @@ _SHOWN = 5
 
 
 class ClaimChanges(NamedTuple):
-    """How a claim is made weaker, stronger by a share of its slack, and stronger than its slack by a share."""
+    """How a claim is made weaker, stronger within its slack, and stronger by more than that; None: it cannot be."""
 
     name: str
     weaker: Change | None
@@ -51,19 +51,19 @@ class ClaimChanges(NamedTuple):
     beyond: Change | None
 
     def change(self, kind: int) -> Change | None:
-        """Return that of a kind."""
+        """Return the change of a kind, an index in `KINDS`."""
         return (self.weaker, self.within, self.beyond)[kind]
 
 
 @dataclass(frozen=True)
 class Mutant:
-    """A certificate of which the verdict is known.
+    """A certificate on which the right verdict is known.
 
     Attributes:
-        claim: that is another.
+        claim: the claim that is changed.
         kind: index in `KINDS`.
-        figures: that are changed.
-        document: of it.
+        figures: the changed figures.
+        document: of the mutant.
     """
 
     claim: str
@@ -72,7 +72,7 @@ class Mutant:
     document: dict[str, Any]
 
     def misjudged(self) -> str:
-        """Verify it, and return what is wrong with the verdict: nothing, if it is right."""
+        """Verify the mutant; return what is wrong with the verdict, empty if it is right."""
         try:
             Certificate.from_document(self.document).verify()
         except FlatsatError as error:
@@ -226,7 +226,7 @@ def _ideal(certificate: Certificate, slacks: Mapping[str, float]) -> list[ClaimC
 
 
 def _gain(certificate: Certificate, name: str, away: float) -> ClaimChanges:
-    """Return a claim about an end of the gains: growth is convex, so that beyond it the secant from 1 is below."""
+    """Return the claim about an end of the gain interval; beyond it the growth, convex, is above its secant from 1."""
     timing, gain = certificate.timing, float(getattr(certificate, name))
     place = ("sampling", name)
     ends = []

@@ -1,8 +1,8 @@
 """Plans flown by simulated drones in wind, by the hundred: is a drone ever outside its tube, or a pair too near?
 
-Several copies of a plan are flown side by side, each drone with a thrust of its own, in a wind that turns as fast as
-the certificate's assumptions allow, on one pose for each tick, new or as late as they allow. Drones begin in the air at
-their first points and have a second and a half to settle. What is compared are true places, at every tick.
+Several copies of a plan are flown side by side. Each drone has a thrust of its own, the wind turns as fast as the
+certificate's assumptions allow, and there is one pose for each tick, new or as late as they allow. Drones begin in the
+air at their first points and have 1.5 s to settle. The true places are compared, at every tick.
 """
 
 from __future__ import annotations
@@ -163,20 +163,20 @@ class _Watch:
 
 
 def _places(copies: int) -> list[tuple[float, float]]:
-    """Return where copies are, m along x and y from where the plan is: on a square, as near to that as can be."""
+    """Return the offsets of the copies from the plan along x and y, m: rows that form a square or nearly so."""
     side = math.ceil(math.sqrt(copies))
     return [(_BESIDE * (number % side), _BESIDE * (number // side)) for number in range(copies)]
 
 
 def _moved(path: Trajectory, aside: tuple[float, float]) -> Trajectory:
-    """Return a path so much farther along x and y, m."""
+    """Return a path moved along x and y, m."""
     coefficients = path.coefficients.copy()
     coefficients[:, 0, :2] += aside
     return Trajectory(path.times, coefficients, path.yaw)
 
 
 def _capture(random: np.random.Generator, assumed: Assumptions, period: float) -> MotionCapture:
-    """Return one that gives each tick a single new pose, of that moment or as old as is assumed."""
+    """Return a motion capture with one new pose for each tick, of that moment or as old as the assumptions allow."""
     late = float(random.choice([0.0, assumed.pose_age]))
     return MotionCapture(rate=1.0 / period, noise=_OF_NOISE * assumed.noise, latency=late)
 

@@ -1,4 +1,4 @@
-"""Much work, one piece after the other or in worker processes; it comes to the same, in the same order."""
+"""The same work on many items, here or in worker processes: the results are the same, in the same order."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ Result = TypeVar("Result")
 
 
 def results_of(work: Callable[[Item], Result], items: Iterable[Item], workers: int) -> Generator[Result]:
-    """Yield what the work on the items comes to, in their order; what is not done is dropped with the generator.
+    """Yield the results of the work, in the order of the items. Work that is not done ends with the generator.
 
     Args:
         work: a function of a module, or a partial of one: worker processes import it.
-        items: what is worked on; asked for when there is a worker for it.
+        items: what is worked on; the next one is taken when a worker is free.
         workers: processes; 1 for this one alone.
 
     Raises:

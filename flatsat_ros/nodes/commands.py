@@ -1,4 +1,4 @@
-"""Set-points of N drones on their way to the wire, and what is left to send when there are none to be had."""
+"""Set-points of N drones on their way to the wire, and what is sent when no command can be computed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from flatsat_ros.nodes.ros.runtime import ENDING_TIME, ProgramNode
 
 
 class Commands:
-    """Publishes commands drone by drone: where that fails for one, that one goes down by its last resort.
+    """Publishes commands drone by drone: a drone for which that fails descends by its last resort.
 
     Attributes:
         last_resort: of each drone.

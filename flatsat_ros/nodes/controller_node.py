@@ -250,7 +250,7 @@ class ControllerNode(ProgramNode):
             self._follow(tick)
 
     def _step(self) -> Tick | None:
-        """Compute all drones; None if that fails, and for good: then all go down by their last resort."""
+        """Compute all drones; None if that fails, now and at all later ticks: all descend by their last resort."""
         if not self._broken:
             with self.faults.contain("control step"):
                 self._take_poses()

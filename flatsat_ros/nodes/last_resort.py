@@ -58,7 +58,7 @@ class LastResort:
         self._yaw[index] = setpoint.yaw if self._keeps_yaw else 0.0
 
     def begin(self, index: int) -> None:
-        """Let a drone go down from now on, for good."""
+        """Let a drone descend from now on; there is no way back."""
         if self.since[index] is None:
             self.since[index] = self._clock()
 

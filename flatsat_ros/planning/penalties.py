@@ -1,7 +1,7 @@
-"""What a search is charged for: violated limits of many references at once, with gradients.
+"""The penalties of a search: costs of violated limits of many references at once, with gradients.
 
-Each limit is asked for with some room to spare, and each function returns its cost and by how much of that room the
-worst violation exceeds what is asked for with room: below 1 the limit itself holds.
+Each limit is tightened by some room. Each function returns its cost, and the worst violation of the tightened limit as
+a share of that room: below 1 the limit itself holds.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.law.input_set import InputSet
 
 _BOX = 100.0  # 1/m^2: a violation of 10 cm weighs like one of 1 m/s^2
-_SKIN = 0.25  # of the distance that two drones keep: so much farther apart they are in the list of who may get near
+_SKIN = 0.25  # of the distance that two drones keep: pairs that are farther apart by less than this are listed
 
 
 class Penalty(NamedTuple):
@@ -26,7 +26,7 @@ class Penalty(NamedTuple):
 
 
 class NearPairs:
-    """Who may be too near to whom at which sample: found once, and again when drones have moved too far since."""
+    """The pairs of drones that may be too near at each sample: a list that is renewed when drones have moved far."""
 
     def __init__(self, distances: FloatArray) -> None:
         """Begin with nobody.
@@ -61,7 +61,7 @@ class NearPairs:
         return Penalty(float(depth @ depth), float(depth.max(initial=0.0)) / room)
 
     def _renew(self, places: FloatArray, room: float) -> None:
-        """Look again who is near whom, if somebody has moved by more than half of the skin."""
+        """Renew the list of near pairs if a drone has moved by more than half of the skin."""
         if places.shape == self._places.shape:
             moved = places - self._places
             if 4.0 * float((moved * moved).sum(axis=2).max(initial=0.0)) <= self._skin**2:

@@ -1,4 +1,4 @@
-"""What is asked of references, proved with integers while a plan is made; references from elsewhere, slowed down."""
+"""Limits of references, proved with integers while a plan is made; and given references, slowed down to keep them."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def _too_near(pairs: Sequence[tuple[str, str, Fraction]], proved: Callable[[IntA
 
 
 def _asked(mission: Mission, *drones: int) -> Fraction:
-    """Return the distance that drones must keep, m, and a bit that the rounding of stated distances takes."""
+    """Return the distance that drones must keep, m, enlarged by what the rounding of stated distances may take off."""
     radii = sum(Fraction(mission.drones[i].body) + Fraction(mission.tube.radius) for i in drones)
     return radii + Fraction(mission.clearance) + Fraction(3, 10**4)
 

@@ -152,7 +152,7 @@ def shortest_legs(
 
 
 def shapes_of(legs: FloatArray, least: int = _LEG, *, closed: bool = False) -> Shapes:
-    """Return shapes with equally many equal spans in each leg.
+    """Return shapes whose legs have the same number of spans, equal within a leg.
 
     Args:
         legs: (L,) durations, s; the spans are rounded up to whole microseconds.
@@ -165,7 +165,7 @@ def shapes_of(legs: FloatArray, least: int = _LEG, *, closed: bool = False) -> S
 
 
 def spans_of(legs: int, least: int = _LEG) -> int:
-    """Return how many spans each of so many legs has: a short reference gets more of them."""
+    """Return the number of spans of each leg, for a number of legs: with few legs each has more spans."""
     return max(least, _SPANS // legs)
 
 

@@ -1,7 +1,7 @@
-"""References of one spline space: through way-points at given knots, smooth by nature, bent by few numbers each.
+"""References of one spline space through way-points at given knots: all of them smooth, each given by few parameters.
 
-A reference is a fixed part, the one of least jerk through its way-points, plus modes: the shapes that leave the
-way-points alone, ordered by how much jerk they cost. In these coordinates a search is well conditioned.
+A reference is a fixed part, the one of least jerk through its way-points, plus modes: shapes that are 0 at the
+way-points, ordered by how much jerk they cost. In these coordinates a search is well conditioned.
 """
 
 from __future__ import annotations

@@ -136,7 +136,7 @@ def with_ramp(count: int, laps: Sequence[Trajectory], bounds: Bounds, limits: In
 
 
 def laps_of(lap: Trajectory, count: int) -> Trajectory:
-    """Return so many laps at full pace."""
+    """Return a number of laps at full pace, one after the other."""
     length = lap.times[-1]
     starts = (lap.times[:-1] + length * np.arange(count)[:, np.newaxis]).ravel()
     return Trajectory(np.append(starts, count * length), np.tile(lap.coefficients, (count, 1, 1)), lap.yaw)

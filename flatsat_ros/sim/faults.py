@@ -136,7 +136,7 @@ def thinned(share: float, seed: int) -> PoseFault:
 
 
 def slowed(rate: float) -> PoseFault:
-    """Let at most so many samples of a drone through in a second, Hz, evenly."""
+    """Let the samples of each drone through at no more than a rate, Hz, evenly."""
     newest: dict[int, float] = {}
 
     def apply(_time: float, samples: list[Sample]) -> list[Sample]:

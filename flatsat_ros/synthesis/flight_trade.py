@@ -1,4 +1,4 @@
-"""What a flight certificate says to people: a sentence, what each wish costs, and what to give up if there is none."""
+"""A flight certificate in words: what it promises, what each wish costs, and which wish to give up if none exists."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ _UNITS = {
     "pose_age": "s",
 }
 
-# Share of a wish that is given up to see whether the rest can be had, and how long that is looked for, s.
+# The share of a wish that is kept when it is tried whether giving up the rest helps, and the time for a search, s.
 _LESS = 0.5
 _LOOK = 10.0
 
-# How many intervals of plants are halved, one after another, to see with which there is a proof.
+# The most intervals of plants that are halved, one after another, until there is a proof.
 _HALVED = 6
 
 
@@ -89,7 +89,7 @@ def require_tilt(certificate: Certificate) -> None:
 
 
 def _shares(flight: FlightSection) -> Iterator[tuple[str, float]]:
-    """Yield each assumption and by how much less |v0| is without, at the worst corners, m/s^2."""
+    """Yield each assumption, and by how much |v0| at the worst corners would be smaller without it, m/s^2."""
     nominal = _worst(flight, flight.gain_max, flight.assumptions, "nominal")
     for field in fields(Assumptions):
         less = replace(flight.assumptions, **{field.name: 0.0})
@@ -97,7 +97,7 @@ def _shares(flight: FlightSection) -> Iterator[tuple[str, float]]:
 
 
 def _taken(certificate: Certificate) -> tuple[float, float]:
-    """Return what v0 and the error of the estimated disturbance take of the margin to the tilt limit, m/s^2."""
+    """Return the parts of the margin to the tilt limit that v0 and the disturbance's error need, m/s^2."""
     sides, upright = (axis.tube for axis in _flight(certificate).axes)
     cos, sin = math.cos(certificate.limits.tilt_max), math.sin(certificate.limits.tilt_max)
     return cos * sides.nominal + sin * upright.nominal, cos * sides.disturbance + sin * upright.disturbance
@@ -116,7 +116,7 @@ def _tubes(flight: FlightSection, gain_max: float, assumptions: Assumptions) -> 
 
 
 def _worst(flight: FlightSection, gain_max: float, assumptions: Assumptions, signal: str) -> list[float]:
-    """Return a field of the tube of the worst corner, horizontal and vertical."""
+    """Return a signal's bound in the tube of the worst corner, horizontal and vertical."""
     values = []
     for axis in flight.axes:
         goal = Goal(axis.design.period, gain_max, math.inf, assumptions)
@@ -132,7 +132,7 @@ def _flight(certificate: Certificate) -> FlightSection:
 
 @dataclass(frozen=True)
 class _Less:
-    """A wish given up: in words, and what is left."""
+    """A wish that is partly given up: which one, in words, and the goal and plants that are left."""
 
     words: str
     goal: Goal
@@ -140,7 +140,7 @@ class _Less:
 
 
 def searched(goal: Goal, plants: Plants, progress: Callable[[str], None], seconds: float) -> AxisDesign:
-    """Return what `search` finds, or refuse and name a wish without which there is something.
+    """Return what `search` finds, or refuse and name a wish whose reduction makes a design possible.
 
     Raises:
         FlatsatError: no design has a bounded tube; the text says what to give up.
@@ -158,7 +158,7 @@ def searched(goal: Goal, plants: Plants, progress: Callable[[str], None], second
 
 
 def _lesser(goal: Goal, plants: Plants) -> Iterator[_Less]:
-    """Return the wishes that may be given up, the cheapest first."""
+    """Yield the wishes that may be partly given up, the cheapest first."""
     age = _LESS * goal.assumptions.pose_age
     if age > 0.0:
         assumptions = replace(goal.assumptions, pose_age=age)
@@ -176,7 +176,7 @@ def _lesser(goal: Goal, plants: Plants) -> Iterator[_Less]:
 
 
 def proved(design: FlightDesign, name: str, provenance: Mapping[str, Any]) -> Certificate:
-    """Return the certificate of a design, or refuse and say with which narrower intervals of the plants there is one.
+    """Return the certificate of a design, or refuse and name narrower intervals of the plants for which one exists.
 
     Args:
         design: what is to be proved.
@@ -198,7 +198,7 @@ def proved(design: FlightDesign, name: str, provenance: Mapping[str, Any]) -> Ce
 def narrower(
     axis: AxisDesign, figure: str, gain_min: float, gain_max: float, assumptions: Assumptions, cells_max: int = 500
 ) -> dict[str, Interval]:
-    """Halve intervals of plants, always the one that most cuts went across, until few cells cover what is left.
+    """Halve intervals of plants, each time the one with the most cuts, until few cells cover the rest of the box.
 
     Args:
         axis: the plants and their controller.
@@ -206,10 +206,10 @@ def narrower(
         gain_min: smallest applied gain.
         gain_max: largest applied gain.
         assumptions: of the tube.
-        cells_max: few.
+        cells_max: the largest number of cells.
 
     Returns:
-        The intervals that were halved, about their middles; none if _HALVED of them do not do.
+        The intervals that were halved, about their middles; none if halving _HALVED times is not enough.
     """
     box, known = axis.box, dict[str, Interval]()
     for _ in range(_HALVED):

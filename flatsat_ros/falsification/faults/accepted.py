@@ -1,9 +1,9 @@
 """Rows that may break a bound: what happens instead, and what a user must do about it.
 
-A fault stands here with all the phases in which it may break its bounds: where a loop is unstable, which of them does
-so is luck, and another one tomorrow. Wider bounds hold there all the same. Whatever is on the list must exist, nothing
-may be on it that the flight layer was made for, and of a fault that has come to keep its bounds in all of its phases it
-is told that it can be taken off.
+A fault is listed with all the phases in which it may break its bounds. Where a loop is unstable it depends on chance in
+which of these phases it does. Wider bounds hold there all the same. The list must not name what does not exist, nor a
+fault for which the flight layer was made. A fault that keeps its bounds in all of its phases is reported, so that it
+can be taken off the list.
 """
 
 from __future__ import annotations

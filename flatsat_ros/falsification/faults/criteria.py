@@ -95,11 +95,11 @@ class DroneOutcome:
     mode: Mode | None
 
     def stands(self, *, again: bool) -> bool:
-        """Tell whether it is on the floor for good, with its motors off; again: be it that it has risen meanwhile."""
+        """Tell whether it is on the floor, with its motors off; unless `again`, it must not have risen meanwhile."""
         return self.grounded and not self.motors and (again or not self.relaunched)
 
     def hovers(self, speed: float) -> bool:
-        """Tell whether it is in the air, at most so fast, m/s, and steered: in IDLE by somebody else."""
+        """Tell whether it is in the air, not faster than a speed, m/s, and steered, in IDLE by somebody else."""
         return not self.grounded and self.speed <= speed and self.mode in (Mode.FLY, Mode.IDLE)
 
     def describe(self) -> str:

@@ -288,7 +288,7 @@ class Scene:
             self.moments.append(Moment(time, tick.mode, bodies.position.copy(), bodies.velocity.copy(), commands))
 
     def _is_driven(self, drone: int) -> bool:
-        """Tell whether the pilot asks a drone for thrust, be it that its firmware does not give it."""
+        """Tell whether the pilot asks a drone for thrust, also where its firmware does not give it."""
         return self.pilot is not None and drone in self._sent and self._sent[drone].thrust > 0.0
 
     def outcomes(self) -> list[DroneOutcome]:

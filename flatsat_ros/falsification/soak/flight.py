@@ -33,7 +33,7 @@ _CLIMB, _LANDING = 30.0, 60.0  # s, that they may take
 
 
 def fly(drones: int, seconds: float, folder: Path, tell: Callable[[str], None]) -> Soak:
-    """Fly so many drones for so long, and watch the processes.
+    """Fly some drones for a time, and watch the processes.
 
     Args:
         drones: their number.
@@ -111,7 +111,7 @@ class SoakFlight(Live):
         self._goals = 0  # so many were sent to each drone
 
     def perform(self, seconds: float) -> None:
-        """Fly for so long."""
+        """Fly for a time, s."""
         self.arm()
         self._begin = self.now()
         self._until = self._begin + seconds
