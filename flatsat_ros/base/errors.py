@@ -33,7 +33,7 @@ def refusal(name: str, value: object, unit: str, valid: str) -> FlatsatError:
     return FlatsatError(f"{one_line(name, 150)} = {quoted(value)}{' ' if unit else ''}{unit}: must be {valid}")
 
 
-def nearest(word: str, known: Iterable[str], cutoff: float = 0.6) -> str:
+def nearest_name(word: str, known: Iterable[str], cutoff: float = 0.6) -> str:
     """Return "; the nearest is X", for the end of a refusal: X is the known name most like a word. Empty for none.
 
     Args:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from flatsat_ros.base.errors import FlatsatError, nearest, quoted
+from flatsat_ros.base.errors import FlatsatError, nearest_name, quoted
 from flatsat_ros.base.files import check_regular, user_path
 
 
@@ -43,7 +43,7 @@ def config_path(name_or_path: str | os.PathLike[str], folder: str = "") -> Path:
     else:
         if name in names:
             return packaged / f"{name}.yaml"
-        missing = f"there is no packaged configuration {quoted(name)}{nearest(name, names)}"
+        missing = f"there is no packaged configuration {quoted(name)}{nearest_name(name, names)}"
     raise FlatsatError(f"{missing}; packaged in {packaged}: {', '.join(names)}; or give the path of a .yaml file")
 
 

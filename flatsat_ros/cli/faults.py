@@ -96,12 +96,12 @@ def _certificate(arguments: argparse.Namespace) -> str:
 
 
 def _names(arguments: argparse.Namespace, faults: Mapping[str, object]) -> list[str]:
-    from flatsat_ros.base.errors import nearest, refusal
+    from flatsat_ros.base.errors import nearest_name, refusal
 
     if arguments.fault is None:
         return list(faults)
     if arguments.fault not in faults:
-        valid = f"a fault that --help names{nearest(arguments.fault, faults)}"
+        valid = f"a fault that --help names{nearest_name(arguments.fault, faults)}"
         raise refusal("--fault", arguments.fault, "", valid)
     return [arguments.fault]
 

@@ -43,9 +43,9 @@ class Parser(argparse.ArgumentParser):
         """Refuse the command line."""
         unknown = message.partition("unrecognized arguments: ")[2].split()
         if unknown and unknown[0].startswith("-"):
-            from flatsat_ros.base.errors import nearest
+            from flatsat_ros.base.errors import nearest_name
 
-            message += nearest(unknown[0].partition("=")[0], self._option_string_actions)
+            message += nearest_name(unknown[0].partition("=")[0], self._option_string_actions)
         raise _CommandLineError(f"{message}; see --help")
 
     def print_help(self, file: Any = None) -> None:

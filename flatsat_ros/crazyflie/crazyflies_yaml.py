@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from flatsat_ros.base.arrays import finite_array
-from flatsat_ros.base.errors import FlatsatError, nearest, refusal, require, require_number
+from flatsat_ros.base.errors import FlatsatError, nearest_name, refusal, require, require_number
 from flatsat_ros.base.files import located, shown, user_path
 from flatsat_ros.base.strict_yaml import read_yaml
 
@@ -106,7 +106,7 @@ def _robot(name: str, settings: Any, types: Mapping[str, Any]) -> Robot | None:
         return None
     kind = str(settings.get("type") or "")
     if kind and types and kind not in types:
-        raise refusal(f"{where}.type", kind, "", f"one of robot_types{nearest(kind, types)}")
+        raise refusal(f"{where}.type", kind, "", f"one of robot_types{nearest_name(kind, types)}")
     place = f"{where}.initial_position"
     flown = _connection(kind, types) == _LINKED
     given = settings.get("initial_position", _ORIGIN) if flown else _ORIGIN

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.errors import nearest, refusal
+from flatsat_ros.base.errors import nearest_name, refusal
 from flatsat_ros.sim.fleet import SimulatedFleet
 
 _MILLI = 1000.0
@@ -61,5 +61,5 @@ def require_variables(names: Iterable[str]) -> None:
     """
     for name in names:
         if name not in VARIABLES:
-            valid = f"one that the simulated drone has{nearest(name, VARIABLES, cutoff=0.0)}"
+            valid = f"one that the simulated drone has{nearest_name(name, VARIABLES, cutoff=0.0)}"
             raise refusal("log variable", name, "", valid)

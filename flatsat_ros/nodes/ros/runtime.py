@@ -28,7 +28,7 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
 
-from flatsat_ros.base.errors import FlatsatError, nearest, quoted
+from flatsat_ros.base.errors import FlatsatError, nearest_name, quoted
 from flatsat_ros.nodes.ros import messages
 from flatsat_ros.nodes.ros.faults import Faults
 
@@ -224,7 +224,7 @@ def _misplaced(argument: str) -> str:
     """Return why an argument that ROS would ignore is refused, and what was meant."""
     if ":=" in argument:
         return f"argument {quoted(argument)}: must stand behind --ros-args: --ros-args -p {quoted(argument)[1:-1]}"
-    meant = nearest(argument, ("--ros-args", *_ROS_ARGUMENTS))
+    meant = nearest_name(argument, ("--ros-args", *_ROS_ARGUMENTS))
     return f"argument {quoted(argument)}: must be --help, or --ros-args and behind it what ROS takes{meant}"
 
 
