@@ -9,24 +9,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rclpy
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from room import Room, rooms
 from visualization_msgs.msg import Marker, MarkerArray
 
 from flatsat_ros.base.strict_yaml import read_yaml
 from flatsat_ros.nodes.markers import Markers, _edges
 from flatsat_ros.nodes.ros import interfaces
-from test.support.room import Room
 
 pytestmark = pytest.mark.in_process
 
 
 @pytest.fixture
 def room() -> Iterator[Room]:
-    room = Room()
-    yield room
-    room.node.destroy_node()
-    rclpy.shutdown()
+    with rooms() as make:
+        yield make()
 
 
 def test_markers_are_where_drones_references_and_tubes_are(room: Room) -> None:

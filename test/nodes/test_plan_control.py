@@ -9,12 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import rclpy
 from rclpy.parameter import Parameter
+from room import Room, rooms
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.plans import Bounds, Curve, Plan, PlannedDrone, Tube
-from test.support.room import Room
 
 pytestmark = pytest.mark.in_process
 
@@ -36,12 +35,8 @@ def save(room: Room, path: Path, *names: str) -> str:
 
 @contextmanager
 def opened(*arguments: str) -> Iterator[Room]:
-    try:
-        room = Room(*arguments)
-        yield room
-        room.node.destroy_node()
-    finally:
-        rclpy.shutdown()
+    with rooms() as make:
+        yield make(*arguments)
 
 
 @pytest.fixture

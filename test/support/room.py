@@ -6,7 +6,8 @@ handed to the subscriptions as bytes, as rclpy would.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -137,3 +138,20 @@ def pose(position: Sequence[float], quaternion: Sequence[float], frame: str = "w
     message.header.frame_id = frame
     messages.fill_pose(message, stamp, position, quaternion)
     return serialize_message(message)
+
+
+@contextmanager
+def rooms() -> Iterator[Callable[..., Room]]:
+    """Lend a way to make rooms, by the arguments of their controllers; they are left at the end."""
+    made: list[Room] = []
+
+    def make(*arguments: str) -> Room:
+        made.append(Room(*arguments))
+        return made[-1]
+
+    try:
+        yield make
+        for each in made:
+            each.node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
