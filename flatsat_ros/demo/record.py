@@ -259,7 +259,7 @@ def table(summary: Mapping[str, Any], limits: InputSet) -> str:
         f"commands outside the limits: {summary['violations']}"
         + ("" if separation is None else f"      smallest separation: {separation:.2f} m"),
         f"tick: median {summary['tick_median_us']:.0f} us, 99 % below {summary['tick_p99_us']:.0f} us, "
-        f"for {len(summary['robots'])} drones at {summary['rate_hz']:g} Hz",
+        f"drones: {len(summary['robots'])}, at {summary['rate_hz']:g} Hz",
         f"dynamics: {summary['dynamics']}, swap of {summary['seconds']:g} s",
     ]
     if (plan := summary["plan"]) is not None:

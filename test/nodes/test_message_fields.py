@@ -1,4 +1,4 @@
-"""Three files alone touch message fields: read from the source text of the rooms that may see ROS."""
+"""Three files alone touch the fields of ROS messages: read from the source text of `nodes` and of `demo`."""
 
 from __future__ import annotations
 

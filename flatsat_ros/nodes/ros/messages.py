@@ -2,8 +2,8 @@
 
 Everything it returns is SI, radians, floats in seconds.
 
-`cdr` reads from their bytes the messages that come often or may be long. A test reads the other files of the package
-for names of message fields.
+`cdr` reads from their bytes the messages that come often or may be long. A test searches all other files of `nodes` and
+`demo` for names of message fields.
 """
 
 from __future__ import annotations
