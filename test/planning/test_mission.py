@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from missions import CERTIFICATE, LIMITS, written
+from asked_missions import CERTIFICATE, LIMITS, written
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.planning import Wishes, read_mission

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asked_missions import BOUNDS, CERTIFICATE, DRAGGED, LIMITS, WAY, antipodal, mission, written
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from missions import BOUNDS, CERTIFICATE, DRAGGED, LIMITS, WAY, antipodal, mission, written
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError

@@ -10,9 +10,9 @@ from typing import Any
 import clarabel
 import numpy as np
 import pytest
+from asked_missions import BOUNDS, DRAGGED, LIMITS, WAY, antipodal, mission
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from missions import BOUNDS, DRAGGED, LIMITS, WAY, antipodal, mission
 
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.planning import Asked, plan, rounds
