@@ -241,6 +241,14 @@ def test_the_classes_of_the_architecture_are_there() -> None:
     assert named - set(classes()) == set()
 
 
+def test_the_files_of_the_architecture_are_there() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    files = [path.relative_to(ROOT) for room in ("flatsat_ros", "test") for path in (ROOT / room).rglob("*.py")]
+    named = [name for name in _SPAN.findall(page) if re.fullmatch(r"[\w/]+\.py", name)]
+    assert len(named) > 5
+    assert [name for name in named if not any(f"/{file}".endswith(f"/{name}") for file in files)] == []
+
+
 def test_contributing_says_where_to_change_what() -> None:
     assert len(places()) > 10
 
