@@ -208,11 +208,11 @@ class InputSet:
         size = np.abs(end)
         if all_of(size <= half_width):
             return most
-        if not all_of(size <= LARGEST):
-            return np.minimum(most, self.exit_factor_of_finite(base, v))
         # V_c is convex: a limit that both ends keep is kept between them
         radius, up = np.hypot(end[..., 0], end[..., 1]), end[..., 2] + self.gravity
         sphere = any_of(np.hypot(radius, up) > self.thrust_max)
+        if sphere and not all_of(size <= LARGEST):
+            return np.minimum(most, self.exit_factor_of_finite(base, v))
         cone = any_of(radius > self._slope * up)
         plane = any_of(up < self.thrust_min)
         if not (sphere or cone or plane):
