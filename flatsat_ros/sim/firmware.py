@@ -10,8 +10,6 @@ bits 8 to 11 of supervisor.info.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from flatsat_ros.base.arrays import BoolArray, FloatArray, IntArray
@@ -19,18 +17,11 @@ from flatsat_ros.base.errors import require
 from flatsat_ros.crazyflie.link import SupervisorInfo
 from flatsat_ros.crazyflie.vehicle import PWM_FULL, VehicleProfile
 from flatsat_ros.crazyflie.wire import YawMode
-from flatsat_ros.sim.high_level import HighLevelCommander
-from flatsat_ros.sim.position_controller import (
-    PositionController,
-    PositionSetpoint,
-    SetpointMode,
-    Velocities,
-    along_heading,
-)
+from flatsat_ros.sim.commander import NEVER, Commander
+from flatsat_ros.sim.position_controller import PositionSetpoint
 from flatsat_ros.sim.state_machine import CAN_FLY, MOTORS_ALLOWED, Conditions, State, next_state
 
 SUPERVISOR_PERIOD = 40  # ms; stabilizer_types.h RATE_SUPERVISOR, 25 Hz
-THRUST_MIN = 1000  # PWM; crtp_commander_rpyt.c MIN_THRUST
 LEVEL_OUT_AGE = 500  # ms; supervisor.c COMMANDER_WDT_TIMEOUT_STABILIZE
 SHUTDOWN_AGE = 2000  # ms; supervisor.c COMMANDER_WDT_TIMEOUT_SHUTDOWN
 FLYING_HYSTERESIS = 2000  # ms; supervisor.c IS_FLYING_HYSTERESIS_THRESHOLD
@@ -40,7 +31,6 @@ FREE_FALL = 0.1  # g; supervisor.c isTumbledCheck
 TILTED, TILTED_TIME = 0.5, 1000  # g, ms; platform_defaults.h SUPERVISOR_TUMBLE_CHECK_ACCEPTED_TILT_*
 UPSIDE_DOWN, UPSIDE_DOWN_TIME = -0.2, 100  # g, ms; platform_defaults.h SUPERVISOR_TUMBLE_CHECK_ACCEPTED_UPSIDEDOWN_*
 BATTERY_TIME = 5000  # ms; platform_defaults_cf2.h DEFAULT_BAT_LOW_DURATION_TO_TRIGGER_SEC
-NEVER = -(10**9)  # ms; an event that has not happened
 
 
 class Firmware:
@@ -65,28 +55,17 @@ class Firmware:
         """
         self._profile = profile
         self._auto_arming = not profile.motors.arming_required
-        self._yaw_mode = yaw_mode
-        self.high_level = HighLevelCommander(count)
-        self._position_controller = PositionController(count, profile.motors.hover_pwm)
+        self._commander = Commander(profile, count, yaw_mode)
+        self.high_level, self.thrust_locked = self._commander.high_level, self._commander.thrust_locked
         self.state = np.zeros(count, dtype=np.int64)
-        self.thrust_locked, self.armed, self.emergency, self.crashed, self.tumbled, self.battery_low, self.powered = (
-            np.zeros((7, count), dtype=bool)
+        self.armed, self.emergency, self.crashed, self.tumbled, self.battery_low, self.powered = np.zeros(
+            (6, count), dtype=bool
         )
-        # roll, pitch (rad), yaw (rad, or rad/s counter-clockwise), thrust (PWM)
-        self._setpoint = np.zeros((4, count))
-        self._yaw_is_angle = np.zeros(count, dtype=bool)
         self._yaw_goal = np.zeros(count)  # rad; controller_pid.c attitudeDesired.yaw
         self._lost = np.zeros((3, count), dtype=bool)  # axes whose PID integral is NaN
-        # commander.c: the priority is the high-level commander's, which then owns the set-point
-        self._relaxed = np.zeros(count, dtype=bool)
-        # what the position controller follows where it makes the set-point, else ATTITUDE
-        self._mode = np.zeros(count, dtype=np.int64)
-        # the last set-point of the link, if it speaks of position or velocity, else ATTITUDE
-        self._streamed = np.zeros(count, dtype=np.int64)
-        self._place, self._velocity = np.zeros((2, 3, count))  # m, m/s
         # times, ms
-        self._received, self._thrusting, self._tilted, self._ready, self._landed, self._not_low, self._not_critical = (
-            np.zeros((7, count), dtype=np.int64)
+        self._thrusting, self._tilted, self._ready, self._landed, self._not_low, self._not_critical = np.zeros(
+            (6, count), dtype=np.int64
         )
         for index in range(count):
             self.reboot(index, 0)
@@ -97,14 +76,9 @@ class Firmware:
             flags[index] = False
         self.powered[index] = True
         self.state[index] = State.NOT_INITIALIZED
-        self.thrust_locked[index] = True  # crtp_commander_rpyt.c, initial value
-        self._relaxed[index] = True  # commander.c commanderInit: no priority yet
-        self._setpoint[:, index] = 0.0
-        self._yaw_is_angle[index] = self._yaw_mode is YawMode.ANGLE
-        self._mode[index] = self._streamed[index] = SetpointMode.ATTITUDE
-        self.high_level.group_mask[index] = 0
+        self._commander.reset(index)
         self._lost[:, index] = False
-        for times in (self._received, self._thrusting, self._tilted, self._ready, self._landed):
+        for times in (self._thrusting, self._tilted, self._ready, self._landed):
             times[index] = NEVER
         self._not_low[index] = self._not_critical[index] = now
 
@@ -112,12 +86,9 @@ class Firmware:
         """Begin in the air: armed, unlocked and level since time 0 with this thrust, PWM, and (N,) yaw, rad."""
         self.armed[:] = True
         self.state[:] = State.FLYING
-        self.thrust_locked[:] = self._relaxed[:] = False
         self._yaw_goal = yaw
-        if self._yaw_mode is YawMode.ANGLE:
-            self._setpoint[2] = yaw
-        self._setpoint[3] = thrust
-        self._received[:] = self._thrusting[:] = 0
+        self._thrusting[:] = 0
+        self._commander.start_flying(thrust, yaw)
 
     def receive(self, index: int, roll: float, pitch: float, yaw: float, thrust: float, now: int) -> None:
         """Decode a set-point packet: crtp_commander_rpyt.c crtpCommanderRpytDecodeSetpoint.
@@ -137,37 +108,16 @@ class Firmware:
             FlatsatError: the thrust does not fit the packet.
         """
         require(0.0 <= thrust <= PWM_FULL, "thrust", thrust, "", f"from 0 to {PWM_FULL}")
-        if not self.powered[index]:
-            return
-        if thrust < 1.0:  # 0 in the packet
-            self.thrust_locked[index] = False
-        ignored = self.thrust_locked[index] or thrust < THRUST_MIN
-        accepted = 0.0 if ignored else min(thrust, self._profile.pwm_max)
-        angles = (roll, pitch, self._yaw_mode.sign * yaw)
-        finite = (math.radians(angle) if math.isfinite(angle) else math.nan for angle in angles)
-        self._setpoint[:, index] = *finite, accepted
-        self._yaw_is_angle[index] = self._yaw_mode is YawMode.ANGLE
-        self._mode[index] = SetpointMode.ATTITUDE
-        self._take_over(index, SetpointMode.ATTITUDE, now)
+        if self.powered[index]:
+            self._commander.receive(index, roll, pitch, yaw, thrust, now)
 
     def receive_position(self, index: int, setpoint: PositionSetpoint, now: int) -> None:
         """Take a set-point that speaks of position or velocity: crtp_commander_generic.c; see receive.
 
         The thrust lock is not for it: it flies a drone whose thrust is locked, and leaves the lock as it is.
         """
-        if not self.powered[index]:
-            return
-        self._setpoint[2, index] = setpoint.yaw
-        self._yaw_is_angle[index] = setpoint.mode in (SetpointMode.POSITION, SetpointMode.FULL_STATE)
-        self._place[:, index], self._velocity[:, index] = setpoint.place, setpoint.velocity
-        self._take_over(index, setpoint.mode, now)
-
-    def _take_over(self, index: int, mode: SetpointMode, now: int) -> None:
-        """Give a set-point of the link the priority."""
-        self._streamed[index] = mode
-        self._received[index] = now
-        self._relaxed[index] = False
-        self.high_level.stop(index)
+        if self.powered[index]:
+            self._commander.receive_position(index, setpoint, now)
 
     def notify_setpoints_stop(self, index: int) -> None:
         """Give the priority back to the high-level commander: commander.c commanderRelaxPriority.
@@ -175,7 +125,7 @@ class Firmware:
         The last set-point stays in force until that commander next runs; then its own takes over, a null one if its
         planner is stopped.
         """
-        self._relaxed[index] = True
+        self._commander.notify_setpoints_stop(index)
 
     def plan(self, now: int, position: FloatArray, velocity: FloatArray, yaw: FloatArray) -> None:
         """Run the high-level commander and the position controller once, every HIGH_LEVEL_PERIOD.
@@ -189,40 +139,9 @@ class Firmware:
             velocity: (N, 3) m/s, world, likewise.
             yaw: (N,) rad, likewise.
         """
-        can_fly = CAN_FLY[self.state]
-        self.high_level.update(now, ~can_fly, position, velocity, yaw)
-        heard = self._relaxed & can_fly
-        streamed = can_fly & ~self._relaxed & (self._streamed != SetpointMode.ATTITUDE)
-        if not (heard | streamed).any():
-            return
-        flown = heard & self.high_level.following
-        self._setpoint[:, heard & ~flown] = 0.0  # crtp_commander_high_level.c nullSetpoint
-        guided = flown | streamed
-        # supervisor.c supervisorOverrideSetpoint changes the mode of what levels out
-        mode = np.where(
-            self.state == State.LEVEL_OUT, SetpointMode.LEVEL, np.where(flown, SetpointMode.POSITION, self._streamed)
-        )
-        mode[~guided] = SetpointMode.ATTITUDE
-        fresh = guided & (mode != self._mode)
-        self._mode = mode
-        if not guided.any():
-            return
+        can_fly, levelling = CAN_FLY[self.state], self.state == State.LEVEL_OUT
+        fresh = self._commander.plan(now, can_fly, levelling, position, velocity, yaw)
         self._lost[:, fresh] = False  # controller_pid.c setpointModeChanged: all PIDs are reset
-        goal = self.high_level.goal
-        heading, velocities = goal[3], None
-        place = goal[:3]
-        if streamed.any():
-            place = np.where(flown, place, self._place)
-            heading, velocities = np.where(flown, heading, self._setpoint[2]), self._velocities(streamed, yaw)
-        roll, pitch, thrust = self._position_controller.control(place, position.T, velocity.T, yaw, fresh, velocities)
-        self._setpoint = np.where(guided, (roll, pitch, heading, thrust), self._setpoint)
-        self._yaw_is_angle |= flown
-
-    def _velocities(self, streamed: BoolArray, yaw: FloatArray) -> Velocities:
-        """Return the velocities that set-points of the link tell, those of the world turned to the (N,) yaw, rad."""
-        world, hover = (streamed & (self._streamed == mode) for mode in (SetpointMode.VELOCITY, SetpointMode.HOVER))
-        told = np.where(world, along_heading(self._velocity, yaw), self._velocity)
-        return Velocities(told, world | hover, world)
 
     def request_arming(self, index: int, arm: bool) -> bool:
         """Arm or disarm; False if refused: supervisor.c supervisorRequestArming."""
@@ -245,12 +164,11 @@ class Firmware:
             voltage: (N,) battery, V.
         """
         self._manage_power(now, voltage)
-        # the high-level commander's set-points, null ones too, are always fresh (stabilizer.c stabilizerTask)
-        self._received[self._relaxed & CAN_FLY[self.state]] = now
+        self._commander.refresh(now, CAN_FLY[self.state])
         self._check_tumbled(now, specific_force)
         # isFlyingCheck: a motor above idle, or that not longer ago than the hysteresis
         self._thrusting[ratio * PWM_FULL > self._profile.motors.idle_pwm] = now
-        age = now - self._received
+        age = now - self._commander.received
         conditions = Conditions(
             armed=self.armed,
             flying=now - self._thrusting < FLYING_HYSTERESIS,
@@ -305,10 +223,11 @@ class Firmware:
         Returns:
             (3, N) desired roll, pitch, yaw, rad, NaN for an axis that nobody controls; (N,) PWM; (N,) motors allowed.
         """
-        active = self.powered & CAN_FLY[self.state] & (self._setpoint[3] > 0.0)
-        roll, pitch, turn, thrust = np.where(active, self._setpoint, 0.0)
+        setpoint = self._commander.setpoint
+        active = self.powered & CAN_FLY[self.state] & (setpoint[3] > 0.0)
+        roll, pitch, turn, thrust = np.where(active, setpoint, 0.0)
         level = self.state == State.LEVEL_OUT
-        followed = np.where(self._yaw_is_angle, turn, self._yaw_goal + turn * dt)
+        followed = np.where(self._commander.yaw_is_angle, turn, self._yaw_goal + turn * dt)
         self._yaw_goal = np.where(active, np.where(level, self._yaw_goal, followed), yaw)
         # the shorter way round
         goal = yaw + np.remainder(self._yaw_goal - yaw + np.pi, 2.0 * np.pi) - np.pi
