@@ -69,6 +69,57 @@ class Breach(NamedTuple):
     bound: float
 
 
+class _Largest:
+    """The largest values of the signals of N drones, in the run that is flown and in those before it."""
+
+    def __init__(self, seed: int, kinds: Sequence[Sequence[Plant]], count: int) -> None:
+        """Begin without a run.
+
+        Args:
+            seed: of the batch.
+            kinds: plants for x and y, and for z.
+            count: N.
+        """
+        self._seed, self._kinds, self._count = seed, kinds, count
+        self.best: dict[tuple[int, int, int], Found] = {}
+
+    def begin(self, run: int, resting: np.ndarray, plants: np.ndarray) -> None:
+        """Begin a run, with a number; the other arguments are those of `Judge.begin`."""
+        self._run, self._resting, self._plants = run, resting, plants
+        self._most, self._value = np.zeros((2, 2, len(SIGNALS), self._count))
+        self._when, self._gains = np.zeros((2, *self._most.shape))
+
+    def note(self, ratios: FloatArray, values: FloatArray, judged: np.ndarray, period: int, gain: FloatArray) -> None:
+        """Keep what is larger than before.
+
+        Args:
+            ratios: (2, S, N) of the values to what is claimed.
+            values: (2, S, N) m, m/s or m/s^2.
+            judged: (N,) who counts.
+            period: its number.
+            gain: (N,) applied.
+        """
+        larger = (ratios > self._most) & judged
+        self._most = np.where(larger, ratios, self._most)
+        self._value = np.where(larger, values, self._value)
+        self._when = np.where(larger, period, self._when)
+        self._gains = np.where(larger, gain, self._gains)
+
+    def end(self, started: np.ndarray) -> None:
+        """End the run; started (N,) are the drones that began beside their references."""
+        kinds = np.where(started, 2, np.where(self._resting, 0, 1))
+        for kind, axis, signal in np.ndindex(len(KINDS), 2, len(SIGNALS)):
+            ratios = np.where(kinds == kind, self._most[axis, signal], 0.0)
+            drone = int(ratios.argmax())
+            best = self.best.get((axis, signal, kind))
+            if ratios[drone] > 0.0 and (best is None or ratios[drone] > best.ratio):
+                at = axis, signal, drone
+                self.best[axis, signal, kind] = Found(
+                    axis, signal, kind, float(ratios[drone]), float(self._value[at]), self._seed, drone, self._run,
+                    int(self._when[at]), self._kinds[axis][self._plants[axis, drone]], float(self._gains[at]),
+                )  # fmt: skip
+
+
 class Judge:
     """The claims of one batch of drones, and how they fared.
 
@@ -89,19 +140,19 @@ class Judge:
             kinds: plants for x and y, and for z.
             count: N drones.
         """
-        self._limits, self._flight, self._seed, self._kinds = certificate.limits, flight, seed, kinds
+        self._limits, self._flight, self._seed = certificate.limits, flight, seed
+        self._largest = _Largest(seed, kinds, count)
         self._feedback, self._period = -certificate.matrix[:, 3:], certificate.period
         self._tubes = np.array([[getattr(axis.tube, name) for name in SIGNALS] for axis in flight.axes])
         backs = [axis.back for axis in flight.axes]
         self._back = np.array([[back.position, np.inf, back.nominal, np.inf] for back in backs])
         self._keep = np.exp(-self._period * np.array([back.rate for back in backs]))[:, np.newaxis]
-        self._best: dict[tuple[int, int, int], Found] = {}
         self._breaches: dict[int, Breach] = {}
         self._gain_of = np.array([[plant.gain for plant in kind] for kind in kinds])
         # D = d + (g - 1) r + (what the model knows of drag and tilt, less the plant's) p_ref', r = a_ref + known p_ref'
         self._known = np.array([axis.design.model.drag + axis.design.model.tilt for axis in flight.axes])[:, np.newaxis]
         self._unknown = self._known - np.array([[plant.drag + plant.tilt for plant in kind] for kind in kinds])
-        self._count, self._run = count, -1
+        self._run = -1
         self._certified = np.array(flight.certified_start(certificate.limits))[:, np.newaxis]
         self.started, self.told = np.zeros((2, count)), 0.0
         self._sure, self._judged = np.ones(count, dtype=bool), np.ones(count, dtype=bool)
@@ -109,7 +160,7 @@ class Judge:
     @property
     def found(self) -> tuple[Found, ...]:
         """The largest of each signal."""
-        return tuple(self._best.values())
+        return tuple(self._largest.best.values())
 
     @property
     def breaches(self) -> tuple[Breach, ...]:
@@ -125,9 +176,8 @@ class Judge:
             away: (2, N) m, how far from their references the drones are with the next tick; 0 for no start.
         """
         self._run += 1
-        self._resting, self._plants, self._away = resting, plants.copy(), away
-        self._most, self._value = np.zeros((2, 2, len(SIGNALS), self._count))
-        self._when, self._gains = np.zeros((2, *self._most.shape))
+        self._plants, self._away = plants.copy(), away
+        self._largest.begin(self._run, resting, self._plants)
 
     def asked_at_most(self, plants: np.ndarray) -> FloatArray:
         """Return how much disturbance references that swing make of themselves, m/s^2, on plants (2, N)."""
@@ -183,27 +233,12 @@ class Judge:
             ratio, bound = ratios[axis, signal], bounds[axis, signal]
             over = ~(ratio <= 1.0 + _ROUNDING)
             self._fail(f"{AXES[axis]} {SIGNALS[signal]}", over, ratio * np.minimum(bound, _HUGE), bound, period)
-        larger = (ratios > self._most) & self._judged
-        self._most = np.where(larger, ratios, self._most)
-        self._value = np.where(larger, values, self._value)
-        self._when = np.where(larger, period, self._when)
-        self._gains = np.where(larger, gain, self._gains)
+        self._largest.note(ratios, values, self._judged, period, gain)
         self.told += float(tick.assessment.guaranteed.mean())
 
     def end(self) -> None:
         """End a run: note what was the largest."""
-        started = (self.started > 0.0).any(axis=0)
-        kinds = np.where(started, 2, np.where(self._resting, 0, 1))
-        for kind, axis, signal in np.ndindex(len(KINDS), 2, len(SIGNALS)):
-            ratios = np.where(kinds == kind, self._most[axis, signal], 0.0)
-            drone = int(ratios.argmax())
-            best = self._best.get((axis, signal, kind))
-            if ratios[drone] > 0.0 and (best is None or ratios[drone] > best.ratio):
-                at = axis, signal, drone
-                self._best[axis, signal, kind] = Found(
-                    axis, signal, kind, float(ratios[drone]), float(self._value[at]), self._seed, drone, self._run,
-                    int(self._when[at]), self._kinds[axis][self._plants[axis, drone]], float(self._gains[at]),
-                )  # fmt: skip
+        self._largest.end(np.asarray((self.started > 0.0).any(axis=0)))
 
     def _claim(self, text: str, values: FloatArray, bound: FloatArray | float, period: int) -> None:
         """Note of whom a claim fails, that values (N,) are at most a bound."""
