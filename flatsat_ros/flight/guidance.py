@@ -26,10 +26,17 @@ from flatsat_ros.law.input_set import InputSet
 # a landing reference sinks at most this fast, m/s, to this depth, m, below the ground
 _LANDING_SPEED = 0.4
 _LANDING_DEPTH = 2.0
-# below this height over its ground, m, a drone only climbs
+# below this height over its ground, m, a drone whose goal is above it only climbs
 NEAR_GROUND = 0.2
 # there, one that is no faster than this, m/s, stands
 _STANDING_SPEED = 0.1
+# a goal is above it by more than the first, m, and then until by less than the second; below the third height, m,
+# a drone may touch the ground, and goes nowhere
+_ABOVE = 0.05
+_ABOVE_NO_MORE = 0.02
+_TOUCHES = 0.05
+# a drone that is seen so far, m, below the ground on which it stood has left that
+_LEFT = 0.05
 # a drone hangs below its reference from this error on, m, until it is below the second
 _HANGS = 0.10
 _HANGS_NO_MORE = 0.05
@@ -56,6 +63,7 @@ class Guidance:
         landing: (N,) who sinks until something carries it.
         ground: (N,) height on which each drone stood last, m.
         changed: who got a new reference since somebody emptied this.
+        waits: (N,) the horizontal part of whose path stands still.
     """
 
     def __init__(
@@ -83,7 +91,7 @@ class Guidance:
         self._lowest = np.tile([*box.low[:2] - _TOLERATED, -math.inf], (count, 1))
         self._highest = np.tile(box.high + _TOLERATED, (count, 1))
         self._goals: list[FloatArray | None] = [None] * count  # of those that follow paths; NaN where they brake
-        self._waiting = np.zeros(count, dtype=bool)  # the horizontal part stands still
+        self.waits = np.zeros(count, dtype=bool)
 
     def require_inside(self, place: ArrayLike, what: str) -> FloatArray:
         """Return a place (3,), m, refusing one outside the box.
@@ -218,7 +226,7 @@ class Guidance:
             return away
         # a drone near the ground only climbs; a goal that is where it comes to rest is found on the whole way
         if self.goal(index) is not None:
-            self._waiting[index] = state[2] - self.ground[index] < NEAR_GROUND
+            self.waits[index] = state[2] - self.ground[index] < NEAR_GROUND
         self._plan(index, motion, now, urgent=urgent)
         return 0.0
 
@@ -269,24 +277,36 @@ class Guidance:
             full: (N,) whose thrust was at its limit at the last tick.
         """
         low = self.near_ground(state)
-        if not (any_of(low) or any_of(full) or any_of(self._waiting)):
+        if not (any_of(low) or any_of(full) or any_of(self.waits)):
             return
+        for index in map(int, np.flatnonzero(low & flying & ~self.landing)):
+            if state[index, 2] < self.ground[index] - _LEFT:
+                self.ground[index] = min(float(self.ground[index]), float(self._box.low[2]))
+            low[index] = self._only_climbs(index, float(state[index, 2]))
         error = reference[:, 2] - state[:, 2]
-        hangs = np.where(self._waiting, error > _HANGS_NO_MORE, (error > _HANGS) & full)
+        hangs = np.where(self.waits, error > _HANGS_NO_MORE, (error > _HANGS) & full)
         wait = flying & ~self.landing & (low | hangs)
-        changed = (wait != self._waiting) & flying
+        changed = (wait != self.waits) & flying
         if not any_of(changed):
             return
-        for index in np.flatnonzero(changed):
-            self._waiting[index] = wait[index]
-            self.replan(int(index), now)
+        for index in map(int, np.flatnonzero(changed)):
+            self.waits[index] = wait[index]
+            self.replan(index, now)
+
+    def _only_climbs(self, index: int, height: float) -> bool:
+        """Tell whether drone index, near the ground at a height, m, is to climb before it goes anywhere."""
+        above, goal = height - float(self.ground[index]), self._goals[index]
+        if goal is None or np.isnan(goal[2]) or above < _TOUCHES:
+            return above < NEAR_GROUND
+        needed = _ABOVE_NO_MORE if self.waits[index] else _ABOVE
+        return above < NEAR_GROUND and float(goal[2]) - height > needed
 
     def _plan(self, index: int, motion: FloatArray, now: float, *, urgent: bool = False) -> None:
         """Lead drone index from a motion (4, 3) to its goal; urgent for a motion that no path has led to."""
         goal = self._goals[index]
         assert goal is not None
         landing = bool(self.landing[index])
-        wait = bool(self._waiting[index]) and not landing
+        wait = bool(self.waits[index]) and not landing
         path = self._path(index, motion, goal, now, landing=landing, wait=wait, urgent=urgent)
         if not wait:
             self._goals[index] = np.where(np.isnan(goal), path.end, goal)

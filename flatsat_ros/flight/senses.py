@@ -360,7 +360,9 @@ class Senses:
             elif self._misled[index]:  # that may be its height, and its speed the climb rate
                 height = self._lift_off.risen(index, estimated[:3])
                 climb = float(np.linalg.norm(estimated[3:6]))
-            self.descent.begin(index, now, height - float(guidance.ground[index]), climb, lift)
+            # what it stood on may not be below it any more
+            ground = min(float(guidance.ground[index]), self._policy.floor)
+            self.descent.begin(index, now, height - ground, climb, lift)
             known = after is Mode.DESCEND and self._gone_astray[index] and index not in self._exchange.places
             answer = self._command_check.answer(index) if known else None
             under_way = self._command_check.under_way(self._acceleration[index])

@@ -128,8 +128,8 @@ class Yielding:
         return brake is None or self._guidance.references.trajectory(index) is not brake
 
     def _keeps_its_way(self, index: int) -> bool:
-        """Tell whether drone index does not brake for others: it lands, or would stay near the ground, motors on."""
-        return bool(self._guidance.landing[index]) or self.is_low(index)
+        """Tell whether drone index does not brake for others: it lands, or leaves the ground."""
+        return bool(self._guidance.landing[index]) or (self.is_low(index) and bool(self._guidance.waits[index]))
 
     def is_low(self, index: int) -> bool:
         """Tell whether drone index is near the ground."""
