@@ -5,11 +5,15 @@ disturbance that was known should have led it far towards the reference. Motion 
 another body, or something holds the drone. Gusts, which commands counter while nothing moves, take no reference away:
 one that has rested for a while leads nobody anywhere, however far gusts have blown a drone that is flown softly. Nor is
 one that moves enough where the air is rough, which is seen sideways: a gust may hold a drone against its command for a
-while, so that it must have been led much farther there.
+while, so that it must have been led much farther there. And of a drone whose thrust is not known yet it is not known
+either how late its commands come: one that swings for that stands still at each turn, while commands lead it back that
+have not come yet. It must have been led away by those of a moment ago, too.
 Along the horizontal a wrong body is noticed by motion that does not follow the commands, see `flight.astray`.
 """
 
 from __future__ import annotations
+
+from collections import deque
 
 import numpy as np
 
@@ -25,6 +29,8 @@ _MOVED, _RESTED = 0.05, 3.0
 # in which it should have changed by so much, m, the second if the thrust is not known yet or the air is rough; from
 # another change, m, on nothing is learnt from it
 _WAY = 0.12, 0.4
+# and in the second case by what was commanded so long ago, s, too
+_LATE = 0.25
 # The air is rough if within so long, s, what disturbs sideways was so far, m/s^2, from its mean over as long.
 _ROUGH, _ROUGH_TIME = 0.35, 3.0
 DOUBTFUL = 0.015
@@ -48,6 +54,10 @@ class UnmovedDetector:
         self._push, self._nobody = np.zeros(count), np.zeros(count, dtype=bool)
         self._lasted = np.full(count, np.inf)  # s
         self._height, self._speed, self._balance = np.zeros((3, count))  # m and m/s^2 at first; m/s by now
+        late = max(1, round(_LATE / self._period))
+        # of what was commanded a moment ago: m/s, each, newest last; and what comes of that, m/s and m
+        self._pushes = deque([np.zeros(count)] * late, maxlen=late)
+        self._late_speed, self._late_way = np.zeros((2, count))
         self._past = np.zeros((2, count))  # way, m, and speed, m/s, in the look before, if it stood still all the time
         self._wanted, self._rested = np.full(count, np.inf), np.zeros(count)  # m, and s for which it has been that
         self._wind, self._gust = np.zeros((count, 2)), np.zeros(count)  # m/s^2: mean, and how far from it
@@ -74,6 +84,7 @@ class UnmovedDetector:
         else:
             self._past[:] = 0.0
             self._begin(slice(None), estimated)
+        self._pushes.append(self._push.copy())
         self._push[:] = 0.0
         share = self._period / _ROUGH_TIME
         off = estimated[:, 6:8] - self._wind
@@ -88,8 +99,10 @@ class UnmovedDetector:
         if not any_of(away):
             return self._nobody
         away &= self._rested < _RESTED
-        known = settled & (self._gust < _ROUGH)
-        return np.asarray(away & (-np.sign(error) * self.way >= np.where(known, *_WAY)))
+        known, sign = settled & (self._gust < _ROUGH), -np.sign(error)
+        led = sign * self.way
+        led = np.where(known, led, np.minimum(led, sign * self._late_way))
+        return np.asarray(away & (led >= np.where(known, *_WAY)))
 
     def _follow(self, estimated: FloatArray, watched: np.ndarray) -> None:
         """Add up what the commands of those that stand still should have come to, see `look`."""
@@ -99,17 +112,22 @@ class UnmovedDetector:
         if any_of(anew):
             self._past[:, anew] = np.where(stands[anew], [self.way[anew], self._speed[anew]], 0.0)
         self._lasted += self._period
-        self._speed += self._push
-        self._speed += self._period * self._balance
-        self.way += self._period * self._speed
+        balanced = self._period * self._balance
+        for speed, way, push in (
+            (self._speed, self.way, self._push),
+            (self._late_speed, self._late_way, self._pushes[0]),
+        ):
+            speed += push
+            speed += balanced
+            way += self._period * speed
         if any_of(anew):
             self._begin(anew, estimated)
 
     def _begin(self, which: np.ndarray | slice, estimated: FloatArray) -> None:
         """Begin with where some drones are and how they move, see `look`."""
-        self._height[which], self._speed[which] = estimated[which, 2], estimated[which, 5]
-        self._balance[which] = estimated[which, 8]
-        self._lasted[which] = self.way[which] = 0.0
+        self._height[which], self._balance[which] = estimated[which, 2], estimated[which, 8]
+        self._speed[which] = self._late_speed[which] = estimated[which, 5]
+        self._lasted[which] = self.way[which] = self._late_way[which] = 0.0
 
     def climb(self, index: int) -> tuple[float, float]:
         """Return how far, m, and how fast, m/s, drone index should have climbed since its height stands still."""

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from flatsat_ros.certificate.certificate import load_certificate
@@ -19,6 +19,10 @@ from flatsat_ros.flight.unmoved import UnmovedDetector
 
 PERIOD, GRAVITY = 0.05, 9.81
 ON, NONE = np.ones(1, dtype=bool), np.zeros(1, dtype=bool)
+# of a swing, at the turn of which a drone whose commands come a quarter of a second late stands still for long
+TURN = [(1.8, 5), (0.0, 6)] + [
+    (push, 1) for push in (-2.4, -2.4, -2.2, -2.0, -1.5, -0.8, 0.0, 0.6, 1.2, 1.8, 2.2, 2.7, 3.0, 3.0, 3.0, 3.0, 3.0)
+]
 COMMANDS = st.lists(st.floats(-3.0, 3.0), min_size=10, max_size=60)
 
 
@@ -29,6 +33,7 @@ def first_alarm(
     reference: np.ndarray,
     balance: float = 0.0,
     gust: float = 0.0,
+    settled: np.ndarray = ON,
 ) -> int:
     """The look at which a height is found to stand still, -1 for never; one value a look each; gusts come sideways."""
     detector = UnmovedDetector(1, PERIOD)
@@ -36,7 +41,7 @@ def first_alarm(
         sideways = gust * math.sin(2.0 * math.pi * PERIOD * look / 2.0)  # m/s^2
         estimated = np.array([[0.0, 0.0, height, 0.0, 0.0, climb, sideways, 0.0, balance]])
         error = np.array([height - wanted])
-        if detector.look(estimated, np.array([PERIOD * command]), error, ON, ON)[0]:
+        if detector.look(estimated, np.array([PERIOD * command]), error, ON, settled)[0]:
             return look
     return -1
 
@@ -71,6 +76,24 @@ def test_a_height_that_follows_its_commands_is_never_taken_for_still(
     heights = PERIOD * np.cumsum(climbs)
     seen = heights + noise(count, seed)
     assert first_alarm(seen, climbs, np.array(commands), heights + away, balance) == -1
+
+
+@given(
+    pieces=st.lists(st.tuples(st.floats(-3.0, 3.0), st.integers(1, 12)), min_size=3, max_size=10),
+    late=st.integers(0, 5),
+    balance=st.floats(-0.4, 0.4),
+    away=st.sampled_from([-0.2, 0.2]),
+)
+@example(pieces=TURN, late=5, balance=0.3, away=-0.2)
+@settings(max_examples=60)
+def test_who_obeys_late_does_not_stand_still_at_the_turn_of_its_swing_while_its_thrust_is_not_known(
+    pieces: list[tuple[float, int]], late: int, balance: float, away: float
+) -> None:
+    commands = np.array([push for push, looks in pieces for _ in range(looks)])
+    done = np.r_[np.zeros(late), commands][: len(commands)]
+    climbs = PERIOD * np.cumsum(done)
+    heights = PERIOD * np.cumsum(climbs)
+    assert first_alarm(heights, climbs, commands, heights - away, balance, settled=NONE) == -1
 
 
 @given(strength=st.floats(0.6, 3.0), sign=st.sampled_from([-1.0, 1.0]), seed=st.integers(0, 99))
