@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _TILT_MAX_DEG, _GAIN_MAX, _PERIOD, _ASSUMED = 20.0, 4.0, 0.02, "still"
 _DISTURBANCE = 0.5  # m/s^2: drag in about 1 m/s of wind
 _RETURN_RATE = 0.5  # 1/s
-# share of the room of the gain that v0 may take of each of the two kinds of axes
+# share of the room for the gain that v0 of the horizontal axes, and that of the vertical one, may take
 _SHARE = 0.6
 _SECONDS = 90.0  # of search, for each kind of axes
 

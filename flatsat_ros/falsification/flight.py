@@ -33,19 +33,19 @@ from flatsat_ros.law.input_set import InputSet
 
 DRONES, WINDOWS, PERIODS = 250, 8, 125
 
-_PLANTS = 12  # different ones of a batch, for x and y and for z
+_PLANTS = 12  # number of different plants in a batch, for x and y and for z
 _APART, _HEIGHT, _FAR = 30.0, 10.0, 1e5  # m
-_SETTLED = 500  # ticks in which all must be claimed to be in their tubes
-_OLDEST = 0.99  # of a period: older ones are those of the tick before, which the pilot has seen already
-_NEAR_ALL = 0.92  # of the disturbance that is assumed, what the axes that are attacked get; the others get the rest
+_SETTLED = 500  # ticks after which the tubes of all drones must be claimed
+_OLDEST = 0.99  # age of the oldest pose, in periods: an older one is that of the tick before, which the pilot has seen
+_NEAR_ALL = 0.92  # share of the assumed disturbance for the axes that are attacked; the others get the rest
 _EDGE = 1.0 - 1e-9
 _WIDE = 100.0, math.radians(85.0)  # m/s^2, rad: limits that shorten no command
 _QUATERNION = (0.0, 0.0, 0.0, 1.0)
 
-# how a drone's gain is chosen for all of a batch, and how often; the first ones rest
+# how the gain of a drone is chosen in a batch, and the share of drones for each way; the first _RESTING gains rest
 _COURSES = ("least", "any", "most", "alternating", "random", "greedy")
 _RESTING, _OFTEN = 3, (0.25, 0.1, 0.15, 0.15, 0.05, 0.3)
-_ATTACKED = (0.65, 0.1, 0.15, 0.1)  # how often each of `SIGNALS` is
+_ATTACKED = (0.65, 0.1, 0.15, 0.1)  # share of the runs in which each of `SIGNALS` is attacked
 _STARTS = 0.2  # share of the drones that begin every run beside the reference
 
 

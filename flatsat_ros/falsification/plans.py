@@ -34,12 +34,12 @@ from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.sensor import MotionCapture
 
 _VEHICLE = "cf21"  # as in the demo
-_DRONES = 720  # flown at once, about: more of them cost less each
+_DRONES = 720  # about the number of drones flown at once: each costs less among many
 _BESIDE = 30.0  # m, between copies of a plan
 _GIVEN, _SETTLED = 0.5, 1.5  # s, when the references are given, and begin: drones are in their tubes, not yet at rest
 _FAR = 1e5  # m, walls and ceiling
 _OF_NOISE = 1.0 / 4.0  # standard deviation over the bound that the certificate assumes
-# of the assumed disturbance and its rate, what the wind makes; the rest is the drones' own motion through the air
+# shares of the assumed disturbance and of its rate that the wind makes; the rest is for the drones' own motion in it
 _OF_DISTURBANCE, _OF_RATE = 0.4, 0.4
 
 

@@ -30,15 +30,15 @@ from flatsat_ros.identification.residuals import EVERY, REACH, ComparedFlight
 from flatsat_ros.identification.response import Figures
 from flatsat_ros.identification.screening import STEP, Samples
 
-_DEVIATIONS = 2.2  # of the common fit: 95 % for 25 blocks
-# the largest standard deviation with which a flight or fit tells a figure: a share of the value, or in its unit
+_DEVIATIONS = 2.2  # standard deviations of the common fit in an interval: 95 % for 25 blocks
+# the largest standard deviation up to which a flight or a fit counts as telling a figure: a share of it, or in its unit
 _SHARES = {"attitude_gain": 0.1, "natural_frequency": 0.25, "damping": 0.25, "thrust_lag": 0.35}
 _WIDTHS = {
     **{"lag_and_delay": 0.02, "velocity_tilt": 0.02, "thrust_slope": 0.15, "drag_xy": 0.12, "drag_z": 0.12},
     **{"thrust_voltage": 0.2, "thrust_available": 0.3},
 }
 NAMES = (*_SHARES, *_WIDTHS)
-# standard deviation between flights of one drone, likewise, and for how many flights that counts
+# the usual standard deviation between flights of one drone, likewise; _WEIGHT is how many flights it counts for
 _USUAL = {
     **{"attitude_gain": 0.05, "natural_frequency": 0.15, "damping": 0.15, "lag_and_delay": 0.02, "thrust_lag": 0.35},
     **{"velocity_tilt": 0.01, "thrust_slope": 0.15, "drag_xy": 0.04, "drag_z": 0.1, "thrust_available": 0.2},

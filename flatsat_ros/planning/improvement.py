@@ -22,20 +22,20 @@ from flatsat_ros.planning.search import Search, Swarm
 from flatsat_ros.planning.shapes import Shapes
 from flatsat_ros.plans import Curve
 
-_LEG = 8  # spans of a leg in a swarm, at least: it needs room for detours
-_UNITS = 64  # legs' durations in proportion: the longest has so many units in each span
-_SLOWEST = 3  # drones with the longest ways, whose own shortest references bound the duration
+_LEG = 8  # least number of spans of a leg in a swarm: it needs room for detours
+_UNITS = 64  # durations of legs are whole numbers of units, of which each span of the longest leg has this many
+_SLOWEST = 3  # number of drones with the longest ways whose own shortest references bound the duration
 
-_LONGER = (1.2, 1.35, 1.5, 1.8, 2.2, 3.0)  # durations that are tried first, of the bound
+_LONGER = (1.2, 1.35, 1.5, 1.8, 2.2, 3.0)  # the durations that are tried first, over the bound
 _BEGINNINGS = ((0.05, 0, 0.0), (0.0, 1, 0.0), (0.15, 2, 0.0), (0.05, 3, 0.0))  # swirl, seed and spread
 _AROUND = ((0.0, 0, 0.0), (0.0, 1, 0.3), (0.0, 2, 0.5), (0.0, 3, 0.65))  # likewise, where there are obstacles
-_STAGES = 4  # of growing penalties
-_STEPS, _MORE_STEPS = 120, 400  # of a stage's descent
-# what shorter durations begin from, one after the other: swirl and seed, or None for the best references so far; steps
+_STAGES = 4  # number of stages of growing penalties
+_STEPS, _MORE_STEPS = 120, 400  # most steps of a stage's descent
+# the starts of searches for shorter durations: swirl and seed, or None for the best references so far; and their steps
 _TRIES = (((0.05, 0), _MORE_STEPS), (None, _MORE_STEPS), ((0.2, 0), _MORE_STEPS), ((0.1, 1), _MORE_STEPS))
-_SHORTEST = 1.002  # of the bound: the penalty needs room beside the limits
-_ENOUGH = 0.002  # of the bound: a smaller step is not worth a round
-_RELAXED = (1.0005, 1.001, 1.003, 1.01, 1.03)  # of the shortest duration, to have room for a smooth reference
+_SHORTEST = 1.002  # least duration that is tried, over the bound: the penalty needs room beside the limits
+_ENOUGH = 0.002  # least step of the duration, over the bound, that is worth a round
+_RELAXED = (1.0005, 1.001, 1.003, 1.01, 1.03)  # durations over the shortest one, with room for a smooth reference
 
 
 def rounds(mission: Mission, late: Callable[[], bool]) -> Iterator[Round]:

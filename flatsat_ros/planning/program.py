@@ -30,11 +30,12 @@ from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.plans.bounds import Bounds
 from flatsat_ros.plans.curve import DEGREE, ORDER, bezier_weights, elevation, local_knots
 
-# kept back so that rounding control points to nanometres breaks no limit: of acceleration m/s^2, relative of others
+# Limits are tightened, so that rounding control points to nanometres breaks none: by _RESERVE, m/s^2, in acceleration,
+# and to the share _SHARE otherwise.
 _RESERVE = 1e-4
 _SHARE = 1.0 - 1e-3
 
-_STEP = 1e-6  # relative, of a leg, for derivatives
+_STEP = 1e-6  # relative change of a leg, for differences that stand for derivatives
 
 ORDERS = 5  # position to snap
 UNKNOWNS = 4  # T^4, s, u, t

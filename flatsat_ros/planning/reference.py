@@ -16,15 +16,16 @@ from flatsat_ros.planning.shapes import Shapes
 from flatsat_ros.plans.bounds import Bounds
 from flatsat_ros.plans.curve import AT_REST, ORDER
 
-# programs one after the other until the duration differs by less than so much, relatively, from that which drag is
-# counted with; where legs are tried, from so much on its estimate will do; how much it follows that, about
+# Drag is counted with an assumed duration. Up to _PACES programs are solved until the duration that comes out differs
+# from that by less than _SAME, relatively; where legs are tried, a difference of _ROUGHLY is enough. _SLOPE is a guess
+# of the change of the duration that comes out over that of the assumed one.
 _PACES, _SAME, _ROUGHLY, _SLOPE = 12, 1e-4, 1e-2, 0.1
 
-_SPANS, _LEG = 24, 3  # of a reference; of each leg at least
+_SPANS, _LEG = 24, 3  # spans of a reference, and the least number of a leg
 
-_STEPS = 30  # of the search for the times of way-points
-_ENOUGH = 5e-4  # of the duration: where less can be hoped for, the search ends
-_SMALLEST = 1e-3  # of the radius in which the limits are trusted to be linear in the legs
+_STEPS = 30  # at most, of the search for the times of way-points
+_ENOUGH = 5e-4  # the search ends where less than this share of the duration can be gained
+_SMALLEST = 1e-3  # least relative radius of the trust region in which limits are linearised in the legs' durations
 
 
 class Shortest(NamedTuple):

@@ -25,22 +25,22 @@ from flatsat_ros.planning.shapes import Shapes
 from flatsat_ros.plans.bounds import Bounds
 from flatsat_ros.plans.curve import DEGREE, ORDER
 
-_SMOOTH, _PENALTY = 1e-3, 30.0  # weights at first
-_GROWTH = 4.0  # of the penalty from stage to stage
+_SMOOTH, _PENALTY = 1e-3, 30.0  # weights of the jerk and of the penalty in the first stage
+_GROWTH = 4.0  # factor of the weight of the penalty from stage to stage
 _TOLERANCE = 1e-7  # of a stage's descent
 _APART = 10.0  # 1/m^2, weight of distances
 
-# what is asked for beyond the limits at first, for a penalty is never quite 0, and its growth from stage to stage
+# The room by which limits are tightened in the first stage, because a penalty never becomes quite 0
 _ROOM = 4e-3  # m, of distances
-_MARGIN = 2e-3  # m/s^2
-_SHARE = 3e-3  # of speed, jerk and snap
+_MARGIN = 2e-3  # m/s^2, of the input set
+_SHARE = 3e-3  # relative, of speed, jerk and snap
 _INSET = 2e-4  # m, of the box
-_WIDER = 1.5
-_ENOUGH = 0.8  # of the room may be taken
+_WIDER = 1.5  # factor of the room from stage to stage
+_ENOUGH = 0.8  # a search ends where violations take at most this share of the room
 
 _SMOOTH_WAY = 1e-5  # m^2, weight of jerk where a way around boxes is followed
-_HOP = 0.5  # of the distance that two drones keep, what they move between two samples at most, about
-_PEAK = 1.3 * 15.0 / 8.0  # largest over mean speed of a reference, with a detour
+_HOP = 0.5  # two drones move by at most about this share of the distance that they keep, between two samples
+_PEAK = 1.3 * 15.0 / 8.0  # largest speed over the mean speed of a reference, with a detour
 
 
 @dataclass(frozen=True, eq=False)

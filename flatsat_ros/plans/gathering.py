@@ -22,11 +22,11 @@ from flatsat_ros.flight.separation import IN_THE_AIR
 from flatsat_ros.plans.plan import Plan
 from flatsat_ros.plans.prepared import PreparedPlan
 
-# goals that were given up or refused are sent again after so long, s; those that differ by less, m, are the same
+# s, after which goals that were given up or refused are sent again; m, up to which two goals are the same
 _AGAIN, _SAME = 1.0, 1e-6
-# a drone is at its place if its reference ends within so much, m
+# m, from its place, within which the reference of a drone that is there must end
 _THERE = 1e-3
-# how high those on the ground climb first, m, and how long they may take, s
+# m, that drones on the ground climb first, and s, that they may take for it
 _CLIMB, _CLIMBING = 0.5, 10.0
 
 # the process that reads a pickled `Move` and writes what `prepared.received` reads

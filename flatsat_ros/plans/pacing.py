@@ -23,14 +23,14 @@ from flatsat_ros.law.input_set import InputSet
 from flatsat_ros.plans.bounds import Bounds
 
 _STEP = 0.04  # s
-# of positions, velocities, accelerations and jerks at 0 and at 1, scaled by the span: coefficients of u^4 .. u^7
+# from position, velocity, acceleration and jerk at u = 1, less what u^0 .. u^3 give, to coefficients of u^4 .. u^7
 _JUMPS = np.linalg.inv(np.array([[math.perm(power, order) for power in range(4, SIZE)] for order in range(4)]))
-# s, that stopping may take, and setting out again, for which there is time: the shortest with which nothing exceeds by
-# more than a tenth what references may ask for
+# s, that stopping may take, and setting out again. The shortest duration is taken with which the reference exceeds its
+# bounds by at most a tenth.
 _STOPS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0)
 _STARTS = (*_STOPS, 8.0, 10.0, 12.0)
 EXCESS = 1.1
-_LOOKS, _STEPS = 100, 31  # times of a reference at which a change is looked at for that, and times of the change
+_LOOKS, _STEPS = 100, 31  # number of times of a reference at which a change is checked, and of times within the change
 _FACTORIALS = np.array([math.factorial(order) for order in range(4)], dtype=float)
 _BINOMIALS = np.array([[math.comb(j, i) for j in range(SIZE)] for i in range(SIZE)], dtype=float)
 

@@ -22,13 +22,13 @@ from flatsat_ros.plans.gathering import Gathering, Planner, Step
 from flatsat_ros.plans.pacing import braked, resumed
 from flatsat_ros.plans.prepared import PreparedPlan
 
-# references that are made in one tick
+# number of new references that are given in one tick
 _PER_TICK = 1
-# s, from the last of them to the time from which they differ from what was flown before
+# s, from when the last of them is given to the time from which they differ from the old ones
 _LEAD = 0.3
-# s, for which all must have been at their places, and for which they may take to get there
+# s, for which all must have been at their places before they set out, and that they may take to get there
 _SETTLED, PATIENCE = 0.5, 60.0
-# between two looks who is in its tube, s; outside it for so long, s, all stand still
+# s, between two checks who is inside its tube; s, after which a drone outside its tube makes all stand still
 _LOOK_PERIOD, _OUTSIDE = 0.1, 0.5
 
 

@@ -35,8 +35,9 @@ RESERVE = EXCESS  # what references ask for at a change of pace, over the bounds
 _STEP = 1e4  # 1/m: radii are stated in tenths of a millimetre, rounded up
 _GRAIN = 1e-6  # m, m/s and m/s^2, of the figures of tubes that are computed
 _CERTIFICATE = "certificate"
-# a tube of its own has what asks for at most such a share of what it may, times what leaves room to change the pace;
-# less than the least share does not count: the ways to the first places, too, keep the bounds, and shall not take long
+# A smaller tube is proved for references that use at most the share _WORTH of their bounds. Bounds are not narrowed
+# below the share _LEAST, since the ways to the first places keep them, too, and would take long. _WIDENED are factors
+# by which narrowed bounds are widened again until there is room for changes of pace.
 _WORTH, _LEAST, _WIDENED = 0.9, 0.2, (1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
 _JERK, _SNAP, _TUBE = 2.0, 20.0, 0.05  # m/s^3, m/s^4, m, where nothing is proved
 
@@ -239,7 +240,7 @@ def _share(flight: FlightSection, limits: InputSet, radius: float, downwash: flo
         return 1.0
     assumed = replace(flight.assumptions, acceleration=0.0, jerk=0.0, snap=0.0)
     least = _tube(_with_tubes(flight, assumed), downwash).radius
-    left = wanted - least - 8.0 * _GRAIN  # figures of tubes are rounded up, which no line need bear
+    left = wanted - least - 8.0 * _GRAIN  # the figures of tubes are rounded up: not exactly on a line
     return left / (most - least) if left > 0.0 else 1.0
 
 
