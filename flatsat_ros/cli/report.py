@@ -23,9 +23,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _parser() -> shell.Parser:
     parser = shell.Parser("report", __doc__)
-    parser.add_argument("bag", type=shell.path, help="the bag's folder, or its .mcap or .db3 file")
+    parser.add_argument("bag", type=shell.path, metavar="BAG", help="the bag's folder, or its .mcap or .db3 file")
     parser.add_argument(
-        "--output", "-o", type=shell.path, help="the HTML file (default: the bag's name, beside it, with .html)"
+        "--output",
+        "-o",
+        type=shell.path,
+        metavar="FILE",
+        help="the HTML file (default: the bag's name, beside it, with .html)",
     )
     return parser
 

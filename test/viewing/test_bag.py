@@ -165,7 +165,7 @@ def test_the_program_writes_the_page_beside_the_bag_and_says_so(
     [
         (["nowhere"], "nowhere"),
         ([".", "-o", "taken/x.html"], "taken"),
-        ([], "the following arguments are required: bag"),
+        ([], "the following arguments are required: BAG"),
     ],
 )
 def test_the_program_refuses_in_one_line(
