@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -176,6 +177,7 @@ def test_arguments_that_ros_would_ignore_are_refused(
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("error: ")
     assert reason in line
+    assert not re.search(r"\.[ch]:\d", line), "where in the source of ROS it was found tells a user nothing"
 
 
 def test_help_says_what_it_does_and_how_parameters_are_given(capsys: pytest.CaptureFixture[str]) -> None:

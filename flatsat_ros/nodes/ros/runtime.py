@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 import signal
 import sys
 import time
@@ -156,7 +157,7 @@ def run(make_node: Callable[[], ProgramNode], arguments: Sequence[str] | None = 
         except rclpy_implementation.UnknownROSArgsError as error:
             return _refuse(f"ROS does not take {error}: must be {', '.join(_ROS_ARGUMENTS)} with what belongs to it")
         except RuntimeError as error:  # RCLError: a value or a file that ROS does not take
-            return _refuse(" ".join(str(error).split()))
+            return _refuse(re.sub(r",? at \S+:\d+", "", " ".join(str(error).split())))  # without places in ROS's source
         try:
             node = make_node()
         except (FlatsatError, OSError, NameValidationException, rclpy_implementation.RCLError) as error:
