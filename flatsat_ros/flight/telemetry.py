@@ -13,7 +13,7 @@ FIELDS = (
     "V", "V/eps", "gamma", "k", "T", "phi", "theta", "v_x", "v_y", "v_z",
     "error_x", "error_y", "error_z", "error_vx", "error_vy", "error_vz", "mode", "tick_us",
     "set", "kappa", "guaranteed", "d_x", "d_y", "d_z", "thrust_scale",
-    "tube", "tube_z", "assumption",
+    "tube", "tube_z", "assumption", "events",
 )  # fmt: skip
 
 
@@ -37,4 +37,7 @@ def rows(tick: Tick) -> FloatArray:
     table[:, 21:24], table[:, 24] = tick.disturbance, tick.thrust_scale
     table[:, 25:27] = np.nan if where.tube is None else where.tube
     table[:, 27] = 0.0 if where.broken is None else where.broken
+    table[:, 28] = 0.0
+    for drone in [made.drone for made in tick.transitions] + [report.drone for report in tick.reports]:
+        table[drone, 28] += 1.0
     return table

@@ -311,7 +311,12 @@ class ControllerNode(ProgramNode):
         self._take_poses()
         reports = []
         for index, robot in enumerate(self.robots):
-            values: dict[str, object] = {"refused": self.faults.count(robot), "last refusal": self.faults.newest(robot)}
+            values: dict[str, object] = {
+                "refused": self.faults.count(robot),
+                "last refusal": self.faults.newest(robot),
+                "events": self._log.events[robot],
+                "last event": self._log.newest.get(robot, ""),
+            }
             if self._commands.last_resort.since[index] is not None:
                 reports.append(RobotCondition(robot, robot, Level.ERROR, f"LAST RESORT: {_BROKEN}", values))
             elif self._last is not None:

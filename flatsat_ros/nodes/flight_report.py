@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
@@ -25,11 +26,18 @@ _SILENCE, _CLOCK_SILENCE = 1.0, 10.0
 
 
 class ThrottledLog:
-    """Lines of the log, each kind of line about a drone at most once a second."""
+    """Lines of the log, each kind of line about a drone at most once a second.
+
+    Attributes:
+        events: how many changes of mode and other reports there were of each robot so far, logged or not.
+        newest: the text of the last one.
+    """
 
     def __init__(self, logger: RcutilsLogger, clock: Callable[[], float] = time.monotonic) -> None:
         """Begin with nothing logged; the clock shows s and is never set."""
         self._logger, self._throttle = logger, Throttle(clock)
+        self.events: Counter[str] = Counter()
+        self.newest: dict[str, str] = {}
 
     def transition(self, robot: str, transition: Transition, held: str = "") -> None:
         """Log a change of a robot's flight mode; an error where it was not wanted.
@@ -40,6 +48,7 @@ class ThrottledLog:
             held: why it may stay on the ground against the command, if that is known.
         """
         _, before, after, reason = transition
+        self._note(robot, f"{before.name} -> {after.name}: {reason}")
         times = self._throttle.admit(f"{robot} {before.name} {after.name}", _SILENCE)
         if times is None:
             return
@@ -53,6 +62,7 @@ class ThrottledLog:
 
     def report(self, robot: str, text: str) -> None:
         """Log something else that people should know of a robot."""
+        self._note(robot, text)
         times = self._throttle.admit(f"{robot} {text[:20]}", _SILENCE)
         if times is not None:
             self._logger.warning(f"{robot}: {text}{times}")
@@ -61,6 +71,10 @@ class ThrottledLog:
         """Log why a request was refused for some robots, or for all."""
         if sentences and (times := self._throttle.admit(f"{robots} refused", _SILENCE)) is not None:
             self._logger.error("; ".join(sentences) + times)
+
+    def _note(self, robot: str, text: str) -> None:
+        self.events[robot] += 1
+        self.newest[robot] = text
 
     def clock(self, jump: float) -> None:
         """Log by how much the ROS clock was set, s; 0.0 for not at all."""

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from pilot_world import CERTIFICATE, GOAL, World, airborne, modes
 
 from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.flight import telemetry
 from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.law.gain import Tuning
@@ -29,6 +30,18 @@ def test_the_papers_set_point_flight_arrives(mu: float) -> None:
     gains = [float(tick.output.gain[0]) for tick in ticks]
     assert all(b >= a for a, b in itertools.pairwise(gains))
     assert (gains[-1] > 2.0) == (mu > 0.0)
+
+
+def test_whatever_is_told_of_a_drone_is_counted_in_the_telemetry_of_its_tick() -> None:
+    world = World()
+    ticks = world.fly(0.5)
+    world.pilot.set_reference(0, Trajectory.hold([0.0, 0.0, 1.0]))
+    ticks += world.fly(6.0)
+    world.blind[:] = True
+    ticks += world.fly(8.0)
+    counted = [telemetry.rows(tick)[:, telemetry.FIELDS.index("events")].tolist() for tick in ticks]
+    assert counted == [[float(len(tick.transitions) + len(tick.reports))] for tick in ticks]
+    assert sum(events for (events,) in counted) >= 5.0
 
 
 def test_a_drone_in_the_air_is_taken_over_without_a_motor_cut() -> None:

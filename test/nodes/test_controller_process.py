@@ -88,6 +88,20 @@ def test_what_one_drone_is_sent_does_not_touch_another(room: Callable[..., Room]
     assert not lab.node.faults.count("cf2")
 
 
+def test_what_is_told_of_a_drone_is_counted_in_its_diagnostics_with_the_newest_text(room: Callable[..., Room]) -> None:
+    lab = room()
+    lab.hover("cf1", "cf2")
+    before, others = (status.values["events"] for status in lab.node._report(0))
+    lab.blind.add(0)
+    while lab.modes[0] is not Mode.LEVEL:
+        lab.run(lab.period)
+    after, other = (status.values for status in lab.node._report(0))
+    assert isinstance(before, int)
+    assert after["events"] > before >= 2
+    assert after["last event"] == "FLY -> LEVEL: no fresh pose: held level"
+    assert other["events"] == others
+
+
 def test_the_name_of_another_frame_is_told_and_may_be_made_ours(
     room: Callable[..., Room], capfd: pytest.CaptureFixture[str]
 ) -> None:

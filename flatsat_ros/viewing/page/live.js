@@ -4,7 +4,7 @@ const KEPT = 120; // s
 const TICK_FIELDS = [
   "V", "V/eps", "gamma", "k", "T", "phi", "theta", "v_x", "v_y", "v_z", "error_x", "error_y", "error_z",
   "error_vx", "error_vy", "error_vz", "mode", "tick_us", "set", "kappa", "guaranteed", "d_x", "d_y", "d_z", "thrust_scale",
-  "tube", "tube_z", "assumption",
+  "tube", "tube_z", "assumption", "events",
 ];
 const CHANNELS = {
   pose: ["x", "y", "z", "qx", "qy", "qz", "qw"],
