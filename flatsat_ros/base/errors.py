@@ -137,6 +137,13 @@ def quoted(value: object) -> str:
     return one_line(_SHORT.repr(value.item() if isinstance(value, np.generic) else value), 100)
 
 
+def reason_of(error: Exception) -> str:
+    """Return what went wrong, in one line; of an OSError the file, then the reason."""
+    if isinstance(error, OSError) and error.filename is not None and error.strerror is not None:
+        return f"{error.filename}: {error.strerror}"
+    return " ".join(str(error).split())
+
+
 def one_line(text: str, length: int = 300) -> str:
     """Return a text without line breaks and control characters, cut to a length."""
     words = " ".join("".join(c if c.isprintable() else " " for c in text[: 4 * length]).split())

@@ -81,7 +81,9 @@ def run(parser: Callable[[], Parser], work: Callable[[argparse.Namespace], int],
             return 128 + (stopped or [signal.SIGINT])[0]
         if not _is_refusal(error):
             raise
-        _say(f"error: {_reason(error)}")
+        from flatsat_ros.base.errors import reason_of
+
+        _say(f"error: {reason_of(error)}")
         return REFUSED
 
 
@@ -90,13 +92,6 @@ def _is_refusal(error: Exception) -> bool:
     from flatsat_ros.base.errors import FlatsatError
 
     return isinstance(error, (FlatsatError, OSError, ImportError, _CommandLineError))
-
-
-def _reason(error: Exception) -> str:
-    """Return what went wrong, in one line."""
-    if isinstance(error, OSError) and error.filename is not None and error.strerror is not None:
-        return f"{error.filename}: {error.strerror}"
-    return " ".join(str(error).split())
 
 
 def _say(text: str) -> None:

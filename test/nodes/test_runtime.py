@@ -151,7 +151,7 @@ def test_a_refusal_is_one_line_and_code_2(capsys: pytest.CaptureFixture[str]) ->
     assert run(Finished, ["program", "--ros-args", "-p", "my drone:=1"]) == 2
     ours, system, name, arguments = capsys.readouterr().err.splitlines()
     assert ours == "error: mu = -1.0: must be at least 0"
-    assert system == "error: [Errno 13] Permission denied: '/here'"
+    assert system == "error: /here: Permission denied"
     assert name.startswith("error: Invalid node name")
     assert arguments.startswith("error: Failed to parse ROS arguments: Couldn't parse")
 

@@ -29,7 +29,7 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
 
-from flatsat_ros.base.errors import FlatsatError, nearest_name, quoted
+from flatsat_ros.base.errors import FlatsatError, nearest_name, quoted, reason_of
 from flatsat_ros.nodes.ros import messages
 from flatsat_ros.nodes.ros.faults import Faults
 
@@ -157,12 +157,12 @@ def run(make_node: Callable[[], ProgramNode], arguments: Sequence[str] | None = 
         except rclpy_implementation.UnknownROSArgsError as error:
             return _refuse(f"ROS does not take {error}: must be {', '.join(_ROS_ARGUMENTS)} with what belongs to it")
         except RuntimeError as error:  # RCLError: a value or a file that ROS does not take
-            return _refuse(re.sub(r",? at \S+:\d+", "", " ".join(str(error).split())))  # without places in ROS's source
+            return _refuse(re.sub(r",? at \S+:\d+", "", reason_of(error)))  # without places in ROS's source
         try:
             node = make_node()
         except (FlatsatError, OSError, NameValidationException, rclpy_implementation.RCLError) as error:
             rclpy.try_shutdown()
-            return _refuse(" ".join(str(error).split()))
+            return _refuse(reason_of(error))
         executor: Executor = EventsExecutor()
         executor.add_node(node)
         try:
