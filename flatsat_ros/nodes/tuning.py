@@ -71,13 +71,15 @@ class TuningParameters:
         """From now on check every change, several at once as a whole, and give the tuning that results."""
 
         def check(parameters: Sequence[Parameter]) -> SetParametersResult:
+            for parameter in parameters:
+                if parameter.type_ is Parameter.Type.NOT_SET:  # rclpy would forget its declaration
+                    kept = f"parameter {parameter.name} cannot be deleted: set it to the common value"
+                    return messages.parameters_answer(kept)
+            changed = {parameter.name: parameter.value for parameter in parameters}
             try:
-                for parameter in parameters:
-                    if parameter.type_ is Parameter.Type.NOT_SET:  # rclpy would forget its declaration
-                        raise FlatsatError(f"parameter {parameter.name} cannot be deleted: set it to the common value")
-                self.tuning({parameter.name: parameter.value for parameter in parameters})
-            except FlatsatError as error:
-                return messages.parameters_answer(str(error))
+                self.tuning(changed)
+            except FlatsatError as error:  # the law has other names for some of them
+                return messages.parameters_answer(f"{', '.join(changed)} refused: {error}")
             return messages.parameters_answer()
 
         def take(_: Sequence[Parameter]) -> None:

@@ -126,6 +126,14 @@ class ProgramNode(Node):
 
         return super().create_service(srv_type, srv_name, serve, *args, **options)
 
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
+        """Set all parameters or none; what there is none of is refused by name, which rclpy leaves out."""
+        for parameter in parameter_list:
+            if not self.has_parameter(parameter.name):
+                nearest = nearest_name(parameter.name, self._parameters)
+                return messages.parameters_answer(f"parameter {quoted(parameter.name)[1:-1]}: not known here{nearest}")
+        return super().set_parameters_atomically(parameter_list)
+
     def _keep_time_source(self, parameters: Sequence[Parameter]) -> Any:
         """Refuse another time source in flight: all stamps would change their meaning at once."""
         for parameter in parameters:
