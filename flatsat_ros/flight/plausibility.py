@@ -1,6 +1,7 @@
 """Which poses can be true: what motion capture, a clock or a frame does wrong, told apart from motion.
 
-The thresholds stand here, in one place.
+The thresholds of what is judged pose by pose stand here; those of how long poses may stand still in `flight.stillness`,
+and those of what is judged by the motion at the head of detectors (`command_check`, `exchange`, `unmoved`, `falls`).
 """
 
 from __future__ import annotations
