@@ -8,8 +8,8 @@ less by s times its derivative, in motions that are slow against s. Through the 
 with w the derivative of the model's acceleration, q the shift by a tick, F and b of the double integrator with a
 disturbance that stays. s is fitted to the innovations of some seconds. Another drag than the model's makes such
 innovations too, the more the slower a motion is: of models without drag that is taken off, of others, whose drag is
-known to a tenth, it is left in, but motions in which it would be much tell nothing. Lag and delay apart are not told by
-that.
+known to a tenth, what is more than a little of it, and motions in which it would be much tell nothing. Lag and delay
+apart are not told by that.
 
 The model's acceleration answers to innovations, too: with noise alone the fit would make drones 50 ms too early. So it
 is fitted by what is correlated with the same filter of the reference's acceleration (an instrumental variable), which
@@ -45,8 +45,9 @@ _SURE = 2.5
 _LOOSE = 0.2
 # how much drag, 1/s, there may be where the certificate counts all of it among the disturbances
 _DRAG = 0.6
-# a motion so slow that drag inside the interval may be taken for this share of half of the interval says nothing
-_SLOW = 0.75
+# Of drag inside the interval what may be taken for more than the first share of half of the interval of lateness is
+# taken off; a motion so slow that it may be taken for the second says nothing.
+_SLOWER, _SLOW = 0.5, 0.75
 _TINY = 1e-9  # m^2: who moves no more tells nothing
 
 
@@ -146,8 +147,8 @@ class Lateness:
         told = (np.count_nonzero(led > _SHOWN, axis=0) >= _PARTS) & (deviation < _LOOSE * self.bound)
         if self._is_known:
             told &= alike < _SLOW * self.bound
-        else:
-            excess -= alike
+            alike = np.maximum(alike - _SLOWER * self.bound, 0.0)
+        excess -= alike
         self.excess = np.where(told, np.maximum(excess, 0.0), 0.0)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 import pytest
@@ -34,9 +35,9 @@ def to_and_fro(t: float) -> tuple[FloatArray, FloatArray]:
     return way * rate / 3.9**2, way * (30.0 * part**2 - 60.0 * part**3 + 30.0 * part**4) / 3.9
 
 
-def slow_eight(t: float) -> tuple[FloatArray, FloatArray]:
-    """Return acceleration, m/s^2, and velocity, m/s, of a drone that flies a figure eight, 1 m wide, in 15 s."""
-    rate = 2.0 * np.pi / 15.0
+def slow_eight(t: float, lasts: float = 15.0) -> tuple[FloatArray, FloatArray]:
+    """Return acceleration, m/s^2, and velocity, m/s, of a drone that flies a figure eight, 1 m wide, in so long, s."""
+    rate = 2.0 * np.pi / lasts
     acceleration = np.array([-0.5 * rate**2 * np.sin(rate * t), -(rate**2) * np.sin(2.0 * rate * t)])
     return acceleration, np.array([0.5 * rate * np.cos(rate * t), 0.5 * rate * np.cos(2.0 * rate * t)])
 
@@ -121,11 +122,14 @@ def test_noise_that_the_commands_answer_to_makes_nobody_early() -> None:
 
 
 @pytest.mark.parametrize("drag", [-0.0456, 0.0456])
-@pytest.mark.parametrize("late", [-0.03, 0.0, 0.03])
-def test_drag_inside_the_interval_makes_nobody_late_who_moves_slowly(late: float, drag: float) -> None:
+@pytest.mark.parametrize(
+    ("late", "lasts"),
+    [(-0.03, 15.0), (0.03, 15.0), *((late, lasts) for lasts in (7.0, 9.0, 11.0, 13.0) for late in (-0.02, 0.0, 0.02))],
+)
+def test_drag_inside_the_interval_makes_nobody_late_who_moves_slowly(late: float, drag: float, lasts: float) -> None:
     assert FLYING is not None
     lateness = Lateness(FLYING.horizontal, 2)
-    for look in looks(late, 1e-4, 0, motion=slow_eight, drag=drag):
+    for look in looks(late, 1e-4, 0, motion=partial(slow_eight, lasts=lasts), drag=drag):
         lateness.note(look, np.array([True, True]))
         assert lateness.excess.max() <= lateness.bound
 

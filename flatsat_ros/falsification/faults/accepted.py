@@ -123,9 +123,9 @@ ACCEPTED: tuple[Accepted, ...] = (
         "commands_late_0.3s",
         _ALL,
         Criteria(End.SAFE, impact=2.0, speed=1.0, again=True),
-        "Commands so much later than the certificate allows for make it swing up and down until it is told to sink, at "
-        "the speed that it has by then: it meets the floor with up to 1.1 m/s. With `cf21_50hz` it is 2.7 m/s: "
-        "not accepted.",
+        "Commands so much later than the certificate allows for make it swing until it is flown softly, mostly by less "
+        "than 1 m. Of seven landings that had begun before, each with another noise, three met the floor with 1.0 to "
+        "1.2 m/s; of seven swaps one drone got 1.6 m off its path, and met the floor with 2.0 m/s: not accepted.",
         _LATE,
     ),
 )
