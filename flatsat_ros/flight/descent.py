@@ -3,7 +3,9 @@
 Nothing measures it. From its last known climb rate the drone is brought to a slow sinking by a known acceleration, and
 kept there by a thrust that drag and gravity balance. What is left is the error of the thrust that was learnt: drag lets
 1 % of it be 0.1 m/s^2 over 0.4 1/s, a quarter of a metre per second. Before anything was learnt the thrust is rather
-too low than too high.
+too low than too high. One that has left the ground unseen, with a thrust that nobody knows, may have more of it than
+is known of any: its climb is braked harder, and then it gets ever less, so slowly that it sinks slowly when it begins
+to.
 """
 
 from __future__ import annotations
@@ -21,6 +23,13 @@ _CHANGE = 1.0  # m/s^2, to come to that speed
 _LONGER, _LATER = 1.3, 1.0
 _SEEN = 3.0  # and so many times as long while poses, if there are any, show it in the air
 _DECEIVED = 1.5  # or if poses that stand still came before: its thrust and its climb are known less well
+# One that has left the ground unseen changes to sinking by this, m/s^2; then it gets so much of its weight, so much
+# less every second, and in the end so much.
+_UNSEEN_CHANGE = 2.0
+_UNSEEN, _UNSEEN_LESS, _UNSEEN_LEAST = 0.95, 0.01, 0.68  # the last is too little for 1.4 times the thrust
+
+# Whether it has left what it stood on is tried: it is pushed aside by this, m/s^2, for so long, s, and back as long.
+_ASIDE, _ASIDE_TIME = 0.3, 0.5
 
 
 class BlindDescent:
@@ -40,9 +49,13 @@ class BlindDescent:
         self._climb = np.zeros(count)  # m/s, at the beginning
         self._lift = np.zeros(count)  # m/s^2, disturbance that was learnt
         self._known = np.zeros(count, dtype=bool)  # the thrust was learnt
+        self._unseen = np.zeros(count, dtype=bool)  # it has left the ground unseen
         self._length = np.full(count, np.inf)  # s
+        self._longest = np.full(count, np.inf)  # s, of one that has left the ground unseen
 
-    def begin(self, index: int, now: float, height: float, climb: float, lift: float | None) -> None:
+    def begin(
+        self, index: int, now: float, height: float, climb: float, lift: float | None, *, unseen: bool = False
+    ) -> None:
         """Let drone index be held level, and then sink, from time now, s, on.
 
         Args:
@@ -51,12 +64,17 @@ class BlindDescent:
             height: last known height above the ground, m.
             climb: last known climb rate, m/s.
             lift: estimated vertical disturbance, m/s^2; None if neither it nor the thrust was learnt.
+            unseen: it may have left the ground unseen, and has no lift that is known: height and climb rate are those
+                of a drone as it should be. Whether it is in the air is tried, see `aside`.
         """
+        self._unseen[index] = unseen
         self._began[index], self._climb[index] = now, climb
         self._known[index], self._lift[index] = lift is not None, lift or 0.0
         height = max(height, 0.0)
         needed = height / SINKING + abs(climb + SINKING) / _CHANGE
-        if lift is None:
+        if unseen:
+            self._longest[index] = abs(climb + SINKING) / _UNSEEN_CHANGE + (_UNSEEN - _UNSEEN_LEAST) / _UNSEEN_LESS
+        elif lift is None:
             # it may still climb: the longer time at which height + climb t - down t^2 / 2 is 0
             down = (1.0 - self._level) * self._gravity + 1e-3
             needed = (climb + math.sqrt(climb * climb + 2.0 * down * height)) / down
@@ -67,22 +85,42 @@ class BlindDescent:
         change = -SINKING - self._climb
         changing = now - self._began < np.abs(change) / _CHANGE
         known = self._gravity - self._lift + np.where(changing, np.sign(change) * _CHANGE, -self._drag * SINKING)
-        return np.where(self._known, known, self._level * self._gravity)
+        thrust = np.where(self._known, known, self._level * self._gravity)
+        if not any_of(self._unseen):
+            return thrust
+        since = now - self._began - np.abs(change) / _UNSEEN_CHANGE
+        less = self._gravity * np.maximum(_UNSEEN - _UNSEEN_LESS * np.maximum(since, 0.0), _UNSEEN_LEAST)
+        slowing = self._gravity + np.sign(change) * _UNSEEN_CHANGE
+        return np.where(self._unseen, np.where(since < 0.0, slowing, less), thrust)
+
+    def aside(self, now: float) -> FloatArray | None:
+        """Return the accelerations along x, (N,) m/s^2, that show at time now, s, who is in the air; None for none."""
+        if not any_of(self._unseen):
+            return None
+        back = np.where(now - self._began < _ASIDE_TIME, _ASIDE, -_ASIDE)
+        return np.where(self._unseen & (now - self._began < 2.0 * _ASIDE_TIME), back, 0.0)
 
     def set_clock_back(self, now: float) -> None:
         """Let no descent last longer because the clock was set back to now, s."""
         self._began = np.where(np.isfinite(self._began), np.minimum(self._began, now), np.inf)
 
-    def over(self, now: float, aloft: Callable[[], np.ndarray], deceived: np.ndarray) -> np.ndarray:
+    def over(
+        self, now: float, aloft: Callable[[], np.ndarray], deceived: np.ndarray, immobile: np.ndarray | None = None
+    ) -> np.ndarray:
         """Tell whose descent has lasted long enough, (N,): for those that are seen in the air three times as long.
 
         Args:
             now: s.
             aloft: returns who is seen in the air, (N,); asked for where it matters.
             deceived: (N,) whose poses stand still; they are not seen.
+            immobile: (N,) who has not moved as it was pushed aside; nobody by default.
         """
         lasted = now - self._began
         ended = np.asarray(lasted >= self._length)
         if not any_of(ended):
             return ended
-        return np.asarray(lasted >= np.where(deceived, _DECEIVED, np.where(aloft(), _SEEN, 1.0)) * self._length)
+        longer = np.where(deceived, _DECEIVED, np.where(aloft(), _SEEN, 1.0))
+        if not any_of(self._unseen):
+            return np.asarray(lasted >= longer * self._length)
+        unseen = self._unseen if immobile is None else self._unseen & ~immobile
+        return np.asarray(lasted >= np.where(unseen, self._longest, longer * self._length))

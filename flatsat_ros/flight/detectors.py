@@ -136,6 +136,10 @@ class LiftOffDetector:
         """Return how far each, which is seen at a place (N, 3) or more, m, is above where it stood, (N,) m."""
         return np.asarray(place[:, 2] - self._place[:, 2])
 
+    def moved(self, place: FloatArray) -> FloatArray:
+        """Return how far each, which is seen at a place (N, 3) or more, m, is from where it stood, (N,) m."""
+        return np.asarray(np.linalg.norm(place[:, :3] - self._place, axis=1))
+
     def upward(self, index: int, place: FloatArray) -> FloatArray:
         """Return the direction (3,) in which drone index, which is seen at a place (3,), m, has left the ground."""
         way = place - self._place[index]

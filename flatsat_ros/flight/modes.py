@@ -10,6 +10,8 @@ it followed has gone on without it. CUT stops the motors and stays until the use
 until a person arms the drone again: it did not climb though it was told to, or it fell, and its motors would start at a
 bad moment; or it did not move as commanded, and the next goal would have it do that again. REST streams zero thrust
 after a landing for longer than the firmware's watchdogs wait: silence right after it would lock the drone until reboot.
+One that was taken over and does not move at all, neither as it is told to climb nor as it is pushed aside, stands on
+something with its thrust lock closed, and is unlocked.
 A drone that somebody else shall fly first is unlocked as it is armed: taken over in the air, still locked, it would
 fall.
 """
@@ -43,6 +45,8 @@ AIRBORNE = (Mode.FLY, Mode.LEVEL, Mode.DESCEND)
 STANDING_HEIGHT = 0.15
 # a take-off waits so long, s, for poses that are lost
 _TAKE_OFF_PATIENCE = 5.0
+# in the air nothing stays in its place that was pushed aside within so long, s
+_TRIED = 1.5
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,7 @@ class Situation:
         rearmed: a person armed it.
         grounded: it was unlocked and has not left the ground yet.
         linked: somebody takes its commands, as far as is known.
+        resting: it was taken over, wherever that was, and has not moved at all since.
     """
 
     elapsed: float
@@ -84,6 +89,7 @@ class Situation:
     rearmed: bool = False
     grounded: bool = False
     linked: bool = True
+    resting: bool = False
 
     @property
     def wanted(self) -> bool:
@@ -104,6 +110,11 @@ class Situation:
     def levelled(self) -> bool:
         """It has been held level for `level_time`, with what was flown level shortly before."""
         return self.elapsed + self.blind >= self.policy.level_time
+
+    @property
+    def tried(self) -> bool:
+        """The mode has lasted for 1.5 s, in which the drone was pushed aside a little."""
+        return self.elapsed >= _TRIED
 
     @property
     def rested(self) -> bool:
@@ -156,8 +167,8 @@ CONDITIONS: dict[Event, tuple[str, ...]] = {
     Event.POSE_BACK: ("usable",),
     Event.POSE_BACK_LATE: ("usable", "steady", "not astray", "not held"),
     Event.TOUCHED_DOWN: ("touched_down",),
-    Event.HELD: ("held", "grounded"),
-    Event.STANDS: ("held", "not grounded"),
+    Event.HELD: ("held",),
+    Event.STANDS: ("held", "resting", "tried"),
     Event.NOT_LIFTED: ("held", "descended"),
     Event.FELL: ("fell",),
     Event.ASTRAY: ("astray",),
@@ -184,10 +195,10 @@ TABLE: dict[Mode, tuple[tuple[Event, Mode], ...]] = {
         (Event.FELL, Mode.FALLEN),
         (Event.TOUCHED_DOWN, Mode.REST),
         (Event.HELD, Mode.DESCEND),
-        (Event.STANDS, Mode.UNLOCK),
     ),
     Mode.LEVEL: ((Event.POSE_BACK, Mode.FLY), (Event.LEVEL_TIME_OVER, Mode.DESCEND)),
     Mode.DESCEND: (
+        (Event.STANDS, Mode.UNLOCK),
         (Event.NOT_LIFTED, Mode.FALLEN),
         (Event.POSE_BACK_LATE, Mode.FLY),
         (Event.ASTRAY_DOWN, Mode.FALLEN),

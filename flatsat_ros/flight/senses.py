@@ -35,6 +35,8 @@ _LIFTING_RISE = 0.005
 _ENOUGH = 1.3
 # who was taken over and has risen less than this, m, may stand on something that is higher than the floor
 _RESTS = 0.01
+# one that is not even so far, m, from its place in any direction does not move; noise of 2 mm in the poses shows less
+_IMMOBILE = 0.006
 _SLID = "told to climb, it moves sideways instead: is z up in the poses?"
 _SUNK = "told to climb, it is seen {0:.2f} m below where it stood, at most {1:g} m: has z the other sign?"
 _UNMOVED = "poses whose z stays within {0:g} m, while commands should have changed it by {1:.2f} m: are they its own?"
@@ -149,6 +151,9 @@ class Senses:
             high = usable & (height > _NEAR_GROUND)
             return np.asarray(high[self._exchange.name] & ~self._misled)
 
+        immobile = self._held
+        if any_of(self._held) or any_of(self._stands):
+            immobile = self._lift_off.moved(state) < _IMMOBILE
         self._sight = Sight(
             height=state[:, 2],
             usable=usable,
@@ -156,14 +161,20 @@ class Senses:
             held=self._held,
             fell=self._fall.fell(now, state, disturbance[:, 2], upward, height, flying & ~standing),
             astray=self._gone_astray,
-            descended=self.descent.over(now, aloft, self._stands),
+            descended=self.descent.over(now, aloft, self._stands, immobile),
             grounded=self.grounded,
+            resting=immobile & self._resting if any_of(immobile) else immobile,
         )
         return self._sight
 
     def resting(self, estimated: FloatArray) -> np.ndarray:
         """Return who was taken over, wherever that was, and has not risen since, (N,), by estimates (N, 9)."""
-        return np.asarray(self._lift_off.standing & ~self._unlocked & (self._lift_off.above(estimated) < _RESTS))
+        return np.asarray(self._resting & (self._lift_off.above(estimated) < _RESTS))
+
+    @property
+    def _resting(self) -> np.ndarray:
+        """Who was taken over and was not seen to leave its place, (N,)."""
+        return np.asarray(self._lift_off.standing & ~self._unlocked)
 
     def _judge_lift_off(self, state: FloatArray) -> None:
         """Take those for astray that leave the ground another way than upward; state is (N, 6), m, m/s."""
@@ -182,9 +193,15 @@ class Senses:
         self._misled = self._misled | anew
         self._gone_astray = self._gone_astray | anew
 
-    def _judge_still(self, estimated: FloatArray, error: FloatArray, watched: np.ndarray) -> None:
+    def _judge_still(
+        self, estimated: FloatArray, error: FloatArray, watched: np.ndarray, resting: np.ndarray | None
+    ) -> None:
         """Take those for astray that are watched, (N,), and seen to stand still, (N,) m off, see `flight.unmoved`."""
-        unmoved = self._unmoved.look(estimated, self._push[:, 2], error, watched, self.thrust.settled)
+        if resting is not None:
+            watched = watched | resting
+        if self._gaps.any:
+            watched = watched & self._gaps.passed()
+        unmoved = self._unmoved.look(estimated, self._push[:, 2], error, watched, self.thrust.settled, resting)
         anew = unmoved & ~self._gone_astray
         if not any_of(anew):
             return
@@ -234,8 +251,8 @@ class Senses:
             low = self._lift_off.above(estimated) < _LIFTING_RISE
             lifting = flying & standing & (acceleration[:, 2] >= _LIFTING) & low
         steered = free & ~landing
-        watched = steered & self._gaps.passed() if self._gaps.any else steered
-        self._judge_still(estimated, error[:, 2], watched)
+        resting = high & self._resting & ~landing if any_of(standing) else None
+        self._judge_still(estimated, error[:, 2], steered, resting)
         new = self._gaps.look(newest)
         certain = np.abs(self._unmoved.way) < DOUBTFUL
         lifted = flying & ~self.grounded
@@ -346,14 +363,15 @@ class Senses:
         height = float(estimated[2])
         if after is Mode.LEVEL or (after is Mode.DESCEND and before is Mode.FLY):
             lift = float(self._lift[index]) if self.thrust.is_settled(index) else None
-            climb = float(estimated[5])
+            climb, unseen = float(estimated[5]), bool(self._held[index])
             if self._held[index]:
-                (height, climb), lift = self._lift_off.unseen(index), 0.0
+                (height, climb), lift = self._lift_off.unseen(index), None
                 height += float(estimated[2])
                 self.thrust.forget(index)  # it was not too weak for a take-off after all
                 self.thrust.take_over(index)
             elif self._stands[index]:
                 (rise, climb), lift = self._unmoved.climb(index), 0.0  # what was learnt last is not its lift
+                unseen = not self.thrust.is_settled(index)
                 height += rise
             elif index in self._exchange.places:
                 (height, climb), lift = self._exchange.places[index], 0.0
@@ -362,7 +380,7 @@ class Senses:
                 climb = float(np.linalg.norm(estimated[3:6]))
             # what it stood on may not be below it any more
             ground = min(float(guidance.ground[index]), self._policy.floor)
-            self.descent.begin(index, now, height - ground, climb, lift)
+            self.descent.begin(index, now, height - ground, climb, lift, unseen=unseen)
             known = after is Mode.DESCEND and self._gone_astray[index] and index not in self._exchange.places
             answer = self._command_check.answer(index) if known else None
             under_way = self._command_check.under_way(self._acceleration[index])

@@ -223,6 +223,11 @@ class ControlStep:
             thrust = self._parts.senses.sinking_thrust(now, self.state[:, 3:], self.usable)
             command[level, 0] = thrust[level]
             acceleration[level, 2] = thrust[level] - self._certificate.limits.gravity
+            aside = self._parts.senses.descent.aside(now)
+            if aside is not None:
+                acceleration[level, 0] = aside[level]
+                yaw, gravity = self._parts.estimator.yaw[level], self._certificate.limits.gravity
+                command[level] = input_from_acceleration(acceleration[level], yaw, gravity)
         return command, acceleration
 
     def _standing(

@@ -37,6 +37,7 @@ class Sight(NamedTuple):
         astray: does not move as commanded.
         descended: has sunk without position for long enough.
         grounded: has not left the ground since its unlocking.
+        resting: was taken over and has not moved since.
     """
 
     height: FloatArray
@@ -47,6 +48,7 @@ class Sight(NamedTuple):
     astray: np.ndarray
     descended: np.ndarray
     grounded: np.ndarray
+    resting: np.ndarray
 
 
 class Supervisor:
@@ -196,6 +198,7 @@ class Supervisor:
                 rearmed=bool(self._rearmed[index]),
                 grounded=bool(sight.grounded[index]),
                 linked=bool(self.linked[index]),
+                resting=bool(sight.resting[index]),
             )
             after, event = next_mode(before, situation)
             if event is Event.UNLOCKED_TO_FLY and starts == _STARTS:

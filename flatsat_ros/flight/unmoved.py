@@ -52,19 +52,25 @@ class UnmovedDetector:
         """
         self._period, self._skips = 2.0 * period, False
         self._push, self._nobody = np.zeros(count), np.zeros(count, dtype=bool)
-        self._lasted = np.full(count, np.inf)  # s
+        self._lasted = np.full(count, _WINDOW)  # s
         self._height, self._speed, self._balance = np.zeros((3, count))  # m and m/s^2 at first; m/s by now
         late = max(1, round(_LATE / self._period))
         # of what was commanded a moment ago: m/s, each, newest last; and what comes of that, m/s and m
         self._pushes = deque([np.zeros(count)] * late, maxlen=late)
         self._late_speed, self._late_way = np.zeros((2, count))
-        self._past = np.zeros((2, count))  # way, m, and speed, m/s, in the look before, if it stood still all the time
+        self._past = np.zeros((2, count))  # way, m, and speed, m/s, until the look began, since it stands still
         self._wanted, self._rested = np.full(count, np.inf), np.zeros(count)  # m, and s for which it has been that
         self._wind, self._gust = np.zeros((count, 2)), np.zeros(count)  # m/s^2: mean, and how far from it
         self.way = np.zeros(count)
 
     def look(
-        self, estimated: FloatArray, push: FloatArray, error: FloatArray, watched: np.ndarray, settled: np.ndarray
+        self,
+        estimated: FloatArray,
+        push: FloatArray,
+        error: FloatArray,
+        watched: np.ndarray,
+        settled: np.ndarray,
+        resting: np.ndarray | None = None,
     ) -> np.ndarray:
         """Return which heights have stood still though they should have changed, (N,).
 
@@ -74,6 +80,8 @@ class UnmovedDetector:
             error: (N,) height above the reference, m.
             watched: (N,) who is steered in the air.
             settled: (N,) whose thrust is known.
+            resting: (N,) who was taken over and has not moved at all since: it is found if it should have sunk, be it
+                that something carries it; nobody by default.
         """
         self._push += push
         self._skips = not self._skips
@@ -102,6 +110,8 @@ class UnmovedDetector:
         known, sign = settled & (self._gust < _ROUGH), -np.sign(error)
         led = sign * self.way
         led = np.where(known, led, np.minimum(led, sign * self._late_way))
+        if resting is not None:
+            led = np.where(resting, np.where(sign < 0.0, -self._climbs()[0], 0.0), led)
         return np.asarray(away & (led >= np.where(known, *_WAY)))
 
     def _follow(self, estimated: FloatArray, watched: np.ndarray) -> None:
@@ -110,7 +120,7 @@ class UnmovedDetector:
         stands &= watched
         anew = ~(stands & (self._lasted < _WINDOW))
         if any_of(anew):
-            self._past[:, anew] = np.where(stands[anew], [self.way[anew], self._speed[anew]], 0.0)
+            self._past[:, anew] = np.where(stands, self._climbs(), 0.0)[:, anew] if any_of(stands) else 0.0
         self._lasted += self._period
         balanced = self._period * self._balance
         for speed, way, push in (
@@ -131,6 +141,10 @@ class UnmovedDetector:
 
     def climb(self, index: int) -> tuple[float, float]:
         """Return how far, m, and how fast, m/s, drone index should have climbed since its height stands still."""
-        way, speed = self._past[:, index].tolist()
-        lasted = float(self._lasted[index])
-        return way + speed * lasted + float(self.way[index]), speed + float(self._speed[index])
+        way, speed = self._climbs()[:, index].tolist()
+        return way, speed
+
+    def _climbs(self) -> FloatArray:
+        """Return `climb` of all, (2, N); of those that are not watched it says nothing."""
+        way, speed = self._past
+        return np.array([way + speed * self._lasted + self.way, speed + self._speed])

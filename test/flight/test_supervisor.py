@@ -40,12 +40,13 @@ ROWS = {
         ("usable astray", Mode.DESCEND),
         ("usable -astray fell", Mode.FALLEN),
         ("usable -astray -fell touched_down", Mode.REST),
-        ("usable -astray -fell -touched_down held grounded", Mode.DESCEND),
-        ("usable -astray -fell -touched_down held -grounded", Mode.UNLOCK),
+        ("usable -astray -fell -touched_down held", Mode.DESCEND),
     ],
     Mode.LEVEL: [("usable", Mode.FLY), ("-usable over", Mode.DESCEND)],
     Mode.DESCEND: [
-        ("held descended", Mode.FALLEN),
+        ("held resting tried", Mode.UNLOCK),
+        ("held -resting descended", Mode.FALLEN),
+        ("held resting -tried descended", Mode.FALLEN),
         ("usable steady -astray -held", Mode.FLY),
         ("usable -steady -astray -held descended", Mode.CUT),
         ("-usable -astray -held descended", Mode.CUT),
@@ -79,7 +80,7 @@ def test_every_transition_is_that_of_the_rows_in_every_situation(mode: Mode) -> 
     for values, others in itertools.product(itertools.product([False, True], repeat=len(named)), [False, True]):
         flags = dict.fromkeys(FLAGS, others) | dict(zip(named, values, strict=True))
         for elapsed in (0.0, math.nextafter(limit, 0.0), limit, limit + 60.0):
-            times = {"over": elapsed >= limit, "late": elapsed >= limit + 5.0}
+            times = {"over": elapsed >= limit, "late": elapsed >= limit + 5.0, "tried": elapsed >= 1.5}
             after, event = next_mode(mode, Situation(elapsed, POLICY, **flags))
             assert after is expected(mode, flags | times), (mode, flags, elapsed)
             assert (event is None) == (after is mode)

@@ -205,7 +205,7 @@ POSE_FAULTS = (
         # it hops, by a thrust that is not known yet, until it should have been seen to leave the ground
         {Phase.TAKE_OFF: Criteria(End.DOWN, impact=1.5, distance=1.5, told="not seen to leave the ground")},
         since_take_off=EARLY,
-        watched=26.0,
+        watched=36.0,
     ),
     _lasting(
         "poses_z_mirrored",

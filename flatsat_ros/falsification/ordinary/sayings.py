@@ -48,7 +48,8 @@ ALLOWED = (
         _doing("take over", "take off"),
     ),
     Allowed(
-        r"FLY to UNLOCK: told to climb, but it stays where it is, on something: unlocked",
+        r"FLY to DESCEND: told to climb, but it is not seen to leave the ground: in case it has, it sinks .*"
+        r"|DESCEND to UNLOCK: told to climb, but it stays where it is, on something: unlocked",
         "its thrust lock was closed, on a table",
         lambda drawn, said: drawn.start is Start.TABLE and said.doing == "take off",
     ),
