@@ -103,7 +103,9 @@ class Estimator:
         self._screen.note_age(index, stamp, now)
         airborne, mean = self._airborne[index], self._filters[index].mean
         commanded = self._commands[-1][2][3 * index : 3 * index + 3] if airborne else self._lifting(index)
-        refused = self._screen.refuse(index, stamp, position, quaternion, now, newest, commanded, mean, airborne)
+        refused = self._screen.refuse(
+            index, stamp, position, quaternion, now, newest, commanded, mean, airborne, self._aloft[index]
+        )
         fault, values = refused or (self._filter(index, newest, stamp, position, now), ())
         if fault is not None:
             self._screen.complain(index, fault, now, *(values or (math.dist(position, mean[:3]),)))

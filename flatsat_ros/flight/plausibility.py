@@ -69,6 +69,7 @@ class PoseScreen:
         acceleration: Sequence[float],
         estimate: Sequence[float],
         airborne: bool,
+        aloft: bool,
     ) -> tuple[PoseRefusal, tuple[float | str, ...]] | None:
         """Return why a pose of drone index cannot be true, with what its text needs; None if it can.
 
@@ -82,6 +83,7 @@ class PoseScreen:
             acceleration: (3,) commanded where nothing keeps the drone from moving, m/s^2.
             estimate: (9,) of its position, velocity and disturbance, m, m/s, m/s^2.
             airborne: it is steered in the air.
+            aloft: it may be in the air, steered or not.
         """
         x, y, z = position
         if not abs(x) + abs(y) + abs(z) <= FARTHEST_PLACE or not math.isfinite(stamp):
@@ -100,7 +102,10 @@ class PoseScreen:
             self._last[index], self._since[index], self._old[index] = place, stamp, False
             return None if still is None else (PoseRefusal.OLD, ())
         if not airborne:
-            return (PoseRefusal.REPEATED, ()) if self._old[index] else None
+            if self._old[index]:
+                return PoseRefusal.REPEATED, ()
+            # one that was moving when it was seen last, and is held level since, is not there any more
+            return (PoseRefusal.OLD, ()) if aloft and math.hypot(*estimate[3:6]) > _MOVES else None
         lasted, commanded = stamp - self._since[index], math.hypot(*acceleration)
         if self._stillness.is_fine(index):
             moves = math.hypot(*estimate[3:6]) > _MOVES

@@ -66,7 +66,7 @@ def test_copies_are_apart_and_no_farther_away_than_poses_are_believed() -> None:
     assert len(np.unique(places, axis=0)) == plans._DRONES
     assert np.diff(np.unique(places)).min() == 30.0
     assert PoseScreen(1).refuse(
-        0, 0.0, [*places.max(axis=0), 1.0], [0.0, 0.0, 0.0, 1.0], 0.0, -1.0, [0.0] * 3, [0.0] * 9, True
+        0, 0.0, [*places.max(axis=0), 1.0], [0.0, 0.0, 0.0, 1.0], 0.0, -1.0, [0.0] * 3, [0.0] * 9, True, True
     ) is None  # fmt: skip
 
 

@@ -273,6 +273,14 @@ def test_a_moving_drone_is_never_twice_in_the_same_place() -> None:
     stays = tuple(turning(0.99))
     assert not any(estimator.measure(0, t, stays, LEVEL, t) for t in np.arange(1.0, 1.3, 0.01))
     assert velocity_error(estimator, turning_velocity, 1.0) < 0.1, "repeated poses do not bring it to rest"
+    # nor once it is held level for that
+    estimator.command(1.1, np.zeros((1, 3)), np.zeros(1, dtype=bool), np.ones(1, dtype=bool))
+    assert not any(estimator.measure(0, t, stays, LEVEL, t) for t in np.arange(1.1, 1.45, 0.01))
+    assert not estimator.usable(1.45, 0.3).any()
+    assert estimator.measure(0, 1.45, tuple(turning(1.45)), LEVEL, 1.45), "another one may be its own"
+    # on the ground they are true
+    estimator.command(1.5, np.zeros((1, 3)), np.zeros(1, dtype=bool), np.zeros(1, dtype=bool))
+    assert estimator.measure(0, 1.5, tuple(turning(1.45)), LEVEL, 1.5)
 
 
 @pytest.mark.parametrize(("behind", "shown"), [(1.7e9, "1.7e+09"), (5.0, "5.00"), (0.6, "0.60")])
