@@ -8,9 +8,7 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray, any_of
 from flatsat_ros.certificate.certificate import Certificate
-from flatsat_ros.flight.braking import Braking
 from flatsat_ros.flight.command_check import CommandCheck
-from flatsat_ros.flight.descent import BlindDescent
 from flatsat_ros.flight.detectors import LIFTED_OFF, LiftOffDetector, TouchDownDetector
 from flatsat_ros.flight.exchange import ExchangeDetector
 from flatsat_ros.flight.falls import FallDetector
@@ -19,6 +17,7 @@ from flatsat_ros.flight.guidance import Guidance
 from flatsat_ros.flight.modes import AIRBORNE, Mode
 from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.pose_gaps import PoseGaps
+from flatsat_ros.flight.sinking import Sinking
 from flatsat_ros.flight.supervisor import Sight
 from flatsat_ros.flight.thrust import ThrustScale
 from flatsat_ros.flight.unmoved import DOUBTFUL, STILL, UnmovedDetector
@@ -41,33 +40,22 @@ _SLID = "told to climb, it moves sideways instead: is z up in the poses?"
 _SUNK = "told to climb, it is seen {0:.2f} m below where it stood, at most {1:g} m: has z the other sign?"
 _UNMOVED = "poses whose z stays within {0:g} m, while commands should have changed it by {1:.2f} m: are they its own?"
 _EXCHANGED = "it moves as another drone is commanded: their poses may be exchanged"
-# the lift of a drone that is to sink without poses is the mean over about this time, s: a gust does not last
-_LIFT_TIME = 1.0
-# a drone that sinks without being steered is pushed down by this, 1/s, times the speed at which it climbs instead, and
-# by no more than this, m/s^2
-_CLIMBS_NOT, _CLIMBS_NOT_MOST = 1.0, 1.0
-# One whose poses mislead about what is up has left the ground upward all the same, wherever they show it: along that
-# way it is pushed by this, 1/s, times what is missing to this speed, m/s: up and down by so much at most, m/s^2.
-_SINKS, _SINKS_BEYOND, _SINKS_MOST = 2.0, 0.4, (1.0, 2.5)
 # a drone that moves faster than this, m/s, does not stand; noise of 2 mm in the poses shows half of that
 _MOVING = 0.2
 
 
 class Senses:
-    """The detectors, the thrust scale and the descent without position, fed with what a tick shows.
+    """The detectors, the thrust scale and the descents, fed with what a tick shows.
 
     Attributes:
         thrust: scales of the thrust.
-        descent: of drones without poses.
-        braking: of drones that sink because they do not move as commanded.
+        sinking: of drones that are not steered.
         grounded: (N,) who was unlocked on the ground and has not left it yet.
     """
 
     def __init__(self, certificate: Certificate, policy: Policy, count: int) -> None:
         gravity = certificate.limits.gravity
         self.thrust = ThrustScale(count, policy.thrust_error_max, quick=certificate.flight is not None)
-        self.descent = BlindDescent(gravity, policy.drag, policy.level_thrust, count)
-        self.braking = Braking(certificate.limits, count)
         self._every = max(1, round(_LOOK / certificate.period))  # ticks from look to look
         self._tick, self._period = certificate.period, self._every * certificate.period
         self._ticks = 0
@@ -85,41 +73,23 @@ class Senses:
         model = None if certificate.flight is None else certificate.flight.vertical.design.model
         late = certificate.delay + certificate.lag if model is None else model.delay + model.lag
         self._exchange = ExchangeDetector(count, self._period, late)
+        self.sinking = Sinking(
+            certificate, policy, count, thrust=self.thrust, lift_off=self._lift_off, unmoved=self._unmoved,
+            exchange=self._exchange, command_check=self._command_check,
+        )  # fmt: skip
         self._reports: list[tuple[int, str]] = []
-        self._lift = np.zeros(count)  # what lifts each beside its thrust, m/s^2, without gusts
         self._unlocked = np.zeros(count, dtype=bool)  # it stood on the ground when its flight began
         self.grounded = self._unlocked & self._lift_off.standing
-        self._misled = np.zeros(count, dtype=bool)  # it sinks, and its height is not what its poses say
-        self._up = np.zeros((count, 3))  # of those, the direction in which they have left the ground
         self._gone_astray = np.zeros(count, dtype=bool)  # until it is down
-        self._stands = np.zeros(count, dtype=bool)  # it sinks, and its poses stand still
         self._held = np.zeros(count, dtype=bool)  # it was not seen to take off, until its motors stop
         self._free = np.zeros(count, dtype=bool)  # steered in the air, away from the ground
         self._acceleration = np.zeros((count, 3))  # commanded at the last tick, m/s^2
         self._above = np.zeros(count)  # height above the reference then, m
         self._push = np.zeros((count, 3))  # commanded change of velocity since the last look, m/s
 
-    def sinking_thrust(self, now: float, velocity: FloatArray, usable: np.ndarray) -> FloatArray:
-        """Return the thrusts (N,), m/s^2, of drones that sink without being steered.
-
-        What was learnt of the thrust may be wrong: one that is seen to climb all the same gets less.
-
-        Args:
-            now: s.
-            velocity: (N, 3) estimated, m/s.
-            usable: (N,) who has one.
-        """
-        climbs = np.clip(_CLIMBS_NOT * velocity[:, 2], 0.0, _CLIMBS_NOT_MOST)
-        if self._exchange.any:
-            climbs, usable = self._exchange.pushed(velocity[:, 2], climbs, usable)
-        if any_of(self._misled):
-            sinks = -(velocity * self._up).sum(axis=1) - _SINKS_BEYOND
-            climbs = np.where(self._misled, np.clip(-_SINKS * sinks, -_SINKS_MOST[0], _SINKS_MOST[1]), climbs)
-        return self.descent.thrust(now) - np.where(usable, climbs, 0.0)
-
     def set_clock_back(self, now: float) -> None:
         """Let nothing last longer because the clock was set back to now, s."""
-        self.descent.set_clock_back(now)
+        self.sinking.descent.set_clock_back(now)
         self._fall.set_clock_back(now)
         self._following_check.set_clock_back(now)
 
@@ -149,10 +119,10 @@ class Senses:
 
         def aloft() -> np.ndarray:
             high = usable & (height > _NEAR_GROUND)
-            return np.asarray(high[self._exchange.name] & ~self._misled)
+            return np.asarray(high[self._exchange.name] & ~self.sinking.misled)
 
         immobile = self._held
-        if any_of(self._held) or any_of(self._stands):
+        if any_of(self._held) or any_of(self.sinking.stands):
             immobile = self._lift_off.moved(state) < _IMMOBILE
         self._sight = Sight(
             height=state[:, 2],
@@ -161,7 +131,7 @@ class Senses:
             held=self._held,
             fell=self._fall.fell(now, state, disturbance[:, 2], upward, height, flying & ~standing),
             astray=self._gone_astray,
-            descended=self.descent.over(now, aloft, self._stands, immobile),
+            descended=self.sinking.descent.over(now, aloft, self.sinking.stands, immobile),
             grounded=self.grounded,
             resting=immobile & self._resting if any_of(immobile) else immobile,
         )
@@ -188,9 +158,8 @@ class Senses:
             return
         for index in map(int, np.flatnonzero(anew)):
             depth = self._lift_off.risen(index, state[index, :3]) - state[index, 2]
-            self._up[index] = self._lift_off.upward(index, state[index, :3])
+            self.sinking.mislead(index, state[index, :3])
             self._reports.append((index, _SLID if slid[index] else _SUNK.format(depth, LIFTED_OFF)))
-        self._misled = self._misled | anew
         self._gone_astray = self._gone_astray | anew
 
     def _judge_still(
@@ -207,8 +176,8 @@ class Senses:
             return
         for index in map(int, np.flatnonzero(anew)):
             self._reports.append((index, _UNMOVED.format(STILL, float(self._unmoved.way[index]))))
-        self._stands = self._stands | anew
-        self._gone_astray = self._gone_astray | self._stands
+        self.sinking.stands |= anew
+        self._gone_astray = self._gone_astray | self.sinking.stands
 
     def note(
         self,
@@ -263,7 +232,7 @@ class Senses:
             span = self._period * new
         self.thrust.learn(acceleration[:, 2] + self._gravity, disturbance[:, 2], learning, lifting, span, doubted)
         # of one that was taken over and stands on something nothing comes; it is judged once it was seen to move
-        judged = lifted | self.braking.active
+        judged = lifted | self.sinking.braking.active
         seen = None if newest is None or measured is None else (newest, measured)
         if seen is not None:
             stamps, height = seen[0].copy(), seen[1][:, 2].copy()
@@ -276,10 +245,7 @@ class Senses:
         astray = self._command_check.look(self._push[:, :2], velocity, seen, yaw, judged, standing, unseen, told)
         self._reports += self._command_check.reports()
         self._gone_astray = self._gone_astray | astray
-        if any_of(self.braking.active):
-            for index in map(int, np.flatnonzero(self.braking.active)):
-                self.braking.learn(index, self._command_check.answer(index))
-        self._lift += (self._period / _LIFT_TIME) * np.where(high & certain, disturbance[:, 2] - self._lift, 0.0)
+        self.sinking.learn(self._period, disturbance[:, 2], high & certain)
         self._push[:], self._free = 0.0, free
         return self._free
 
@@ -314,7 +280,7 @@ class Senses:
         )
         self._reports += self._following_check.reports()
         if any_of(astray):
-            self._lift[late] = 0.0  # what was seen of it was late
+            self.sinking.forget_lift(late)
             self._gone_astray = self._gone_astray | astray
         blown = self._following_check.blown
         return [int(index) for index in np.flatnonzero(blown)] if any_of(blown) else []
@@ -362,35 +328,15 @@ class Senses:
         self._sight = None
         height = float(estimated[2])
         if after is Mode.LEVEL or (after is Mode.DESCEND and before is Mode.FLY):
-            lift = float(self._lift[index]) if self.thrust.is_settled(index) else None
-            climb, unseen = float(estimated[5]), bool(self._held[index])
-            if self._held[index]:
-                (height, climb), lift = self._lift_off.unseen(index), None
-                height += float(estimated[2])
-                self.thrust.forget(index)  # it was not too weak for a take-off after all
-                self.thrust.take_over(index)
-            elif self._stands[index]:
-                (rise, climb), lift = self._unmoved.climb(index), 0.0  # what was learnt last is not its lift
-                unseen = not self.thrust.is_settled(index)
-                height += rise
-            elif index in self._exchange.places:
-                (height, climb), lift = self._exchange.places[index], 0.0
-            elif self._misled[index]:  # that may be its height, and its speed the climb rate
-                height = self._lift_off.risen(index, estimated[:3])
-                climb = float(np.linalg.norm(estimated[3:6]))
-            # what it stood on may not be below it any more
-            ground = min(float(guidance.ground[index]), self._policy.floor)
-            self.descent.begin(index, now, height - ground, climb, lift, unseen=unseen)
-            known = after is Mode.DESCEND and self._gone_astray[index] and index not in self._exchange.places
-            answer = self._command_check.answer(index) if known else None
-            under_way = self._command_check.under_way(self._acceleration[index])
-            self.braking.begin(index, answer, estimated[3:5], under_way)
+            self.sinking.begin(
+                index, now, estimated, float(guidance.ground[index]), self._acceleration[index],
+                held=bool(self._held[index]), answers=after is Mode.DESCEND and bool(self._gone_astray[index]),
+            )  # fmt: skip
         if after is Mode.FLY and before in AIRBORNE:
             self._gaps.resume(index)
         if after in (Mode.CUT, Mode.REST, Mode.FALLEN, Mode.IDLE):
-            self._gone_astray[index] = self._following_check.blown[index] = self.braking.active[index] = False
-            self._misled[index] = self._stands[index] = False
-            self._exchange.forget(index)
+            self._gone_astray[index] = self._following_check.blown[index] = False
+            self.sinking.end(index)
         if after not in AIRBORNE:
             self._held[index] = False
         if after is Mode.FALLEN or (before in AIRBORNE and after is Mode.UNLOCK):

@@ -117,7 +117,7 @@ class ControlStep:
         if touching is not None:
             command, acceleration = self._standing(command, acceleration, touching)
         commanded = acceleration  # as far as the yaw is right
-        if any_of(senses.braking.active):
+        if any_of(senses.sinking.braking.active):
             commanded = self._brake(command, acceleration, level & usable)
 
         assessment = parts.loop.assess(output, acceleration, flying)
@@ -220,10 +220,10 @@ class ControlStep:
         command = np.where(flies, output.input, 0.0)
         acceleration = np.where(flies, output.acceleration, 0.0)
         if any_of(level):
-            thrust = self._parts.senses.sinking_thrust(now, self.state[:, 3:], self.usable)
+            thrust = self._parts.senses.sinking.thrusts(now, self.state[:, 3:], self.usable)
             command[level, 0] = thrust[level]
             acceleration[level, 2] = thrust[level] - self._certificate.limits.gravity
-            aside = self._parts.senses.descent.aside(now)
+            aside = self._parts.senses.sinking.descent.aside(now)
             if aside is not None:
                 acceleration[level, 0] = aside[level]
                 yaw, gravity = self._parts.estimator.yaw[level], self._certificate.limits.gravity
@@ -261,7 +261,7 @@ class ControlStep:
             (N, 3) m/s^2 that is commanded for it.
         """
         yaw = self._parts.estimator.yaw
-        who, wanted, asked = self._parts.senses.braking.accelerations(self.state[:, 3:5], yaw, sinking)
+        who, wanted, asked = self._parts.senses.sinking.braking.accelerations(self.state[:, 3:5], yaw, sinking)
         commanded = acceleration.copy()
         acceleration[who, :2], commanded[who, :2] = wanted, asked
         command[who] = input_from_acceleration(commanded[who], yaw[who], self._certificate.limits.gravity)

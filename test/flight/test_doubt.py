@@ -261,8 +261,8 @@ def test_who_is_to_sink_and_climbs_gets_less_thrust_if_it_is_seen() -> None:
     for index in range(4):
         senses.enter(index, Mode.FLY, Mode.DESCEND, np.zeros(9), 0.0, guidance)
     climb = np.array([[0.0, 0.0, speed] for speed in (0.5, -0.5, 0.5, 5.0)])
-    plain = senses.descent.thrust(1.0)
-    less = plain - senses.sinking_thrust(1.0, climb, np.array([True, True, False, True]))
+    plain = senses.sinking.descent.thrust(1.0)
+    less = plain - senses.sinking.thrusts(1.0, climb, np.array([True, True, False, True]))
     assert less[0] > 0.2
     assert less[1:3].tolist() == [0.0, 0.0]
     assert less[0] < less[3] <= 1.0
@@ -278,10 +278,10 @@ def test_who_went_aside_instead_of_up_is_led_down_slowly_by_what_is_seen_of_that
     senses.look(1.0, rises, both, both, guidance)
     for index in range(2):
         senses.enter(index, Mode.FLY, Mode.DESCEND, rises[index], 1.0, guidance)
-    plain = senses.descent.thrust(1.5)
+    plain = senses.sinking.descent.thrust(1.5)
     for speed, push in ((9.0, -2.5), (0.5, -1.8), (-0.3, -0.2), (-0.4, 0.0), (-0.8, 0.8), (-9.0, 1.0)):
         velocity = np.array([[-0.6 * speed, 0.8 * speed, 0.0]] * 2)
-        found = senses.sinking_thrust(1.5, velocity, both) - plain
+        found = senses.sinking.thrusts(1.5, velocity, both) - plain
         assert found[1] == 0.0
         assert found[0] == pytest.approx(push, abs=1e-9), "towards 0.4 m/s, upward by at most 1, downward by 2.5 m/s^2"
 
