@@ -159,13 +159,22 @@ class Neighbours:
         """Tell whether a robot is measured so high that it does not stand."""
         return bool(self.place(index)[2] >= self._standing)
 
-    def presence(self, index: int) -> Presence | None:
-        """Return where a robot is from now on; None if nothing is known of it."""
+    def _lost(self) -> np.ndarray:
+        """Tell which drones are in the air without being seen, (N,): they are taken to be where they were last."""
+        return np.asarray(self._supervisor.level & ~self.usable)
+
+    def presence(self, index: int, *, lost: bool = False) -> Presence | None:
+        """Return where a robot is from now on; None if nothing is known of it.
+
+        Args:
+            index: which.
+            lost: a drone in the air that is not seen is taken to be where it was last.
+        """
         mode = self.mode(index)
         track = self._tracks[index] if mode is Mode.FLY else None
         if track is not None:
             return Presence(track, IN_THE_AIR, bool(self._guidance.references.at_rest[index]))
-        place = self.place(index)
+        place = self.state[index, :3] if lost and index < self.count and self._lost()[index] else self.place(index)
         if np.isnan(place).any():
             return None
         in_the_air = mode in AIRBORNE or bool(place[2] >= self._standing)
@@ -190,6 +199,8 @@ class Neighbours:
         scale: FloatArray = IN_THE_AIR,
         instead: Mapping[int, PreparedTrajectory] | None = None,
         without: Collection[int] = (),
+        *,
+        lost: bool = False,
     ) -> list[Conflict]:
         """Return who would come too near to robot index on a track, the first at first.
 
@@ -202,10 +213,11 @@ class Neighbours:
             scale: how distances from it count.
             instead: where some of the others would be instead.
             without: who does not count.
+            lost: drones in the air that are not seen count, too.
         """
         found = [
             (other, there)
-            for other, there in self._candidates(index, track, instead or {})
+            for other, there in self._candidates(index, track, instead or {}, lost)
             if other not in without and (scale * there.scale < 1.0).any()
         ]
         if not found or not math.isfinite(self.now):  # before the first tick nobody flies
@@ -224,10 +236,12 @@ class Neighbours:
         return sorted(conflicts, key=lambda conflict: conflict.time)
 
     def _candidates(
-        self, index: int, track: PreparedTrajectory, instead: Mapping[int, PreparedTrajectory]
+        self, index: int, track: PreparedTrajectory, instead: Mapping[int, PreparedTrajectory], lost: bool
     ) -> Iterator[tuple[int, Presence]]:
         """Yield those whose surroundings touch those of a track, and all that would be elsewhere."""
         places = self.places()
+        if lost:
+            places[: self.count][self._lost()] = self.state[self._lost(), :3]
         low, high = places, places.copy()
         flying = np.flatnonzero((self._supervisor.mode == Mode.FLY.value) & ~np.isnan(self._low[:, 0]))
         low[flying], high[flying] = self._low[flying], self._high[flying]
@@ -235,7 +249,7 @@ class Neighbours:
         near = ((np.maximum(gap, 0.0) * IN_THE_AIR) ** 2).sum(axis=1) < self.required**2  # unknown places are not
         for other in map(int, np.flatnonzero(near)):
             elsewhere = other == index or other in instead or self.kept(index, other) is not None
-            there = None if elsewhere else self.presence(other)
+            there = None if elsewhere else self.presence(other, lost=lost)
             if there is not None:
                 yield other, there
         yield from ((other, Presence(theirs, IN_THE_AIR, False)) for other, theirs in instead.items() if other != index)
@@ -252,6 +266,8 @@ class Neighbours:
         goal = self._guidance.goal(index) if own and self._supervisor.requested[index] else None
         if goal is not None and mode not in AIRBORNE:
             ends.append(EndPlace(goal, IN_THE_AIR, "goes"))
+        if own and self._lost()[index]:
+            return [*ends, EndPlace(self.state[index, :3], IN_THE_AIR, "was seen last")]
         place = self.place(index)
         in_the_air = mode in AIRBORNE or bool(place[2] >= self._standing)
         if np.isnan(place).any() or (in_the_air and own and mode is Mode.IDLE):

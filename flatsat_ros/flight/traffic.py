@@ -255,7 +255,7 @@ class Traffic:
         """Return who is in the way of drone index to a goal (3,), m; nobody if its own place is not known."""
         there = self._neighbours
         known = there.mode(index) is Mode.FLY or there.usable[index]
-        return there.conflicts(index, there.way(index, goal)) if self._must_check() and known else []
+        return there.conflicts(index, there.way(index, goal), lost=True) if self._must_check() and known else []
 
     def _require_free(self, index: int, goal: FloatArray) -> None:
         """Refuse a goal (3,), m, of drone index too near to where another one will be in the end.

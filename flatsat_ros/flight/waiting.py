@@ -79,7 +79,7 @@ class Waiting:
             return False
         if mode in (Mode.LEVEL, Mode.DESCEND):
             return False
-        conflicts = self._neighbours.conflicts(index, self._neighbours.way(index, goal))
+        conflicts = self._neighbours.conflicts(index, self._neighbours.way(index, goal), lost=True)
         if not conflicts:
             self._set_out(index, "its way is clear: it sets out")
             return True

@@ -320,6 +320,37 @@ def test_robots_that_others_fly_count_where_they_are_seen() -> None:
     assert world.heard(0, r"0\.\d\d m from blimp, .* brakes and stays")
 
 
+def test_nobody_is_sent_to_or_through_where_a_drone_in_the_air_was_seen_last() -> None:
+    world = hovering([[0.0, 0.0, 1.0], [1.5, 0.0, 1.0], [3.0, 0.0, 1.0]])
+    world.unseen = {0}
+    world.fly(0.5)
+    assert world.pilot.mode[0] == Mode.LEVEL
+    with pytest.raises(FlatsatError, match="where cf1 was seen last"):
+        world.pilot.set_goal(1, [0.0, 0.2, 1.0])
+    world.pilot.set_goal(1, [-1.5, 0.0, 1.0])
+    assert world.pilot.traffic.is_waiting(1)
+    world.pilot.set_goal(2, [3.0, 1.0, 1.0])
+    world.fly(1.0)
+    assert world.pilot.mode[0] == Mode.DESCEND
+    assert world.is_at(1, [1.5, 0.0, 1.0])
+    world.fly(15.0)
+    assert world.pilot.mode[0] == Mode.CUT
+    assert world.is_at(1, [-1.5, 0.0, 1.0])
+    assert world.is_at(2, [3.0, 1.0, 1.0])
+
+
+def test_a_goal_that_waits_does_not_set_out_because_who_is_in_its_way_is_lost() -> None:
+    world = hovering([[0.0, 0.0, 1.0], [1.5, 0.0, 1.0]])
+    world.pilot.set_goal(1, [-1.5, 0.0, 1.0])
+    world.fly(0.5)
+    assert world.pilot.traffic.is_waiting(1)
+    world.unseen = {0}
+    world.fly(1.5)
+    assert world.pilot.mode[0] == Mode.DESCEND
+    assert world.pilot.traffic.is_waiting(1)
+    assert world.is_at(1, [1.5, 0.0, 1.0])
+
+
 def test_a_landing_or_a_disarming_forgets_the_goal_that_waits() -> None:
     world = hovering([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0]])
     world.pilot.set_goal(0, [2.0, 0.0, 1.0])
