@@ -167,7 +167,7 @@ class LiftOffDetector:
         if not any_of(self.standing):
             self.slid = self.sunk = self._nobody
             return self._nobody
-        way = place - self._place
+        way = place.copy() - self._place  # a copy is faster than a view
         moved = np.abs(way)
         np.maximum(self._highest, way[:, 2], out=self._highest)
         self.slid = self.sunk = self._nobody

@@ -242,7 +242,7 @@ class Senses:
                 self._reports.append((index, _EXCHANGED))
                 self._gone_astray[index] = True
         velocity, told = estimated[:, 3:5], self._gone_astray
-        astray = self._command_check.look(self._push[:, :2], velocity, seen, yaw, judged, standing, unseen, told)
+        astray = self._command_check.look(self._push[:, :2].copy(), velocity, seen, yaw, judged, standing, unseen, told)
         self._reports += self._command_check.reports()
         self._gone_astray = self._gone_astray | astray
         self.sinking.learn(self._period, disturbance[:, 2], high & certain)
