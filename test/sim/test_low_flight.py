@@ -14,6 +14,7 @@ from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.closed_loop import fly
 from flatsat_ros.sim.faults import FaultyLink, lost
 from flatsat_ros.sim.fleet import SimulatedFleet
+from flatsat_ros.sim.sensor import MotionCapture
 
 CERTIFICATE = load_certificate("cf21_adaptive_50hz")
 VEHICLE = load_vehicle("cf21")
@@ -29,7 +30,8 @@ class LowFlight:
     def __init__(self, floor: float = 0.0) -> None:
         policy = Policy(disturbance_max=0.8, thrust_error_max=0.25, drag=VEHICLE.dynamics.drag_z)
         self.pilot = Pilot(CERTIFICATE, Tuning(2.0, 0.05, 1.0, CERTIFICATE.gain_max), policy, 1)
-        self.fleet = SimulatedFleet(VEHICLE, 1, start=[[0.0, 0.0, floor]], floor=floor, command_delay=0.028)
+        start, capture = [[0.0, 0.0, floor]], MotionCapture(noise=1e-4)
+        self.fleet = SimulatedFleet(VEHICLE, 1, start=start, floor=floor, command_delay=0.028, capture=capture)
         self.link = FaultyLink(self.fleet, self._look)
         self.now = self.sank = 0.0
         self.let_pass(1.0)
