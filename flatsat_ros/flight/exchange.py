@@ -17,7 +17,7 @@ import numpy as np
 from flatsat_ros.base.arrays import FloatArray, any_of
 from flatsat_ros.flight.descent import SINKING
 
-# only drones that are disturbed up or down by so much, m/s^2, are compared
+# only where one is disturbed up or down by so much, m/s^2, drones are compared
 _DISTURBED = 0.5
 # They are by changes of the climb rate over the first time, s, that differ over the second one, s: a thrust that is not
 # known yet adds the same to all of them.
@@ -35,6 +35,7 @@ _ALIKE = 3.0
 # much, m/s^2.
 _PUSHED, _PUSHED_MOST = 3.0, 2.5
 _SPAN = 2  # looks, over which a climb rate is measured
+_FORGOTTEN = 1.0  # s, in which it is forgotten as whom a drone moved
 
 
 class ExchangeDetector:
@@ -63,6 +64,8 @@ class ExchangeDetector:
         self._commanded: deque[FloatArray] = deque([np.zeros(count)], size + self._late)  # since the start, m/s
         self._follows = np.zeros((count, count), dtype=bool)  # as whom each moved at the last look
         self._lasted = np.zeros(count)  # s, for how long it has moved so
+        self._moved_as = np.zeros((count, count))  # s, for how long of late each moved as each
+        self._quiet = 0  # looks since when nobody was compared
 
     def look(
         self,
@@ -90,8 +93,12 @@ class ExchangeDetector:
         disturbed = free & (np.abs(disturbance) > _DISTURBED)
         if not any_of(disturbed) or len(self._commanded) < (self._commanded.maxlen or 0):
             self._lasted[:] = 0.0
+            self._quiet += 1
             return []
-        follows = self._compare(disturbed, grounded)
+        follows = self._compare(free, grounded)
+        self._moved_as *= max(0.0, 1.0 - (1 + self._quiet) * self._period / _FORGOTTEN)
+        self._moved_as += self._period * follows
+        self._quiet = 0
         self._lasted = np.where((follows & self._follows).any(axis=1), self._lasted + self._period, 0.0)
         self._follows = follows
         found: set[int] = set()
@@ -99,13 +106,32 @@ class ExchangeDetector:
             bodies = np.flatnonzero(follows[seen] & (self.name != seen))
             self.name[bodies] = seen
             found.update(map(int, bodies))
-            if bodies.size and not follows[:, seen].any():  # it is not seen to do anything: then it is in that place
-                self.name[seen] = bodies[0]
-                found.add(seen)
+            if bodies.size:
+                found.update(self._displaced(seen, int(bodies[0])))
         for index in found:
             self.places[index] = float(self._seen[-1][1][self.name[index]]), self._climb(index)
         self.any |= bool(found)
         return sorted(found)
+
+    def _displaced(self, index: int, place: int) -> list[int]:
+        """Return who cannot be seen under its own name, as another is: drone index, and so on.
+
+        Each is seen as whoever has moved as it for longest of late; as the one before, if nobody has: it is not seen to
+        do anything, and in that place.
+
+        Args:
+            index: under whose name another drone is seen.
+            place: number of that drone.
+        """
+        displaced = []
+        while self.name[index] == index:
+            moved = self._moved_as[:, index].copy()
+            moved[index] = 0.0
+            name = int(np.argmax(moved)) if moved.max() > moved[place] else place
+            self.name[index] = name
+            displaced.append(index)
+            index, place = name, index
+        return displaced
 
     def _climb(self, index: int) -> float:
         """Return how fast drone index will climb, m/s, once all that was commanded has acted, as it was seen last."""
@@ -135,10 +161,10 @@ class ExchangeDetector:
             self.places.pop(index, None)
             self.any = bool(np.count_nonzero(self.name != np.arange(self._count)))
 
-    def _compare(self, disturbed: np.ndarray, grounded: np.ndarray) -> np.ndarray:
-        """Return as whom each that is disturbed moves, (N, N); on the ground several may be the one that it is."""
-        follows, aloft = np.zeros((self._count, self._count), dtype=bool), np.flatnonzero(disturbed)
-        drones = np.concatenate([aloft, np.flatnonzero(grounded & ~disturbed)])  # those on the ground at the end
+    def _compare(self, free: np.ndarray, grounded: np.ndarray) -> np.ndarray:
+        """Return as whom each in the air moves, (N, N); on the ground several may be the one that it is."""
+        follows, aloft = np.zeros((self._count, self._count), dtype=bool), np.flatnonzero(free)
+        drones = np.concatenate([aloft, np.flatnonzero(grounded & ~free)])  # those on the ground at the end
         if drones.size == 1:
             return follows
         stamps, heights = (np.array(values)[:, aloft] for values in zip(*self._seen, strict=True))

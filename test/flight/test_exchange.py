@@ -23,7 +23,7 @@ from flatsat_ros.sim.closed_loop import fly
 from flatsat_ros.sim.dynamics import Wind
 from flatsat_ros.sim.faults import FaultyLink, commands_delayed, exchanged, mirrored
 from flatsat_ros.sim.fleet import SimulatedFleet
-from flatsat_ros.sim.sensor import MotionCapture
+from flatsat_ros.sim.sensor import MotionCapture, Sample
 
 VEHICLE = load_vehicle("cf21")
 PERIOD = 0.05  # s, between two looks
@@ -101,6 +101,21 @@ def test_whoever_takes_off_with_another_ones_poses_is_told_so_and_sinks(
         flight.pilot.set_goal(0, np.array([0.0, 0.0, 1.0]))
     # who stands as the second does, told to climb as it is, may be the one that is seen as the first
     assert impact[2] <= HOPPING if 2 in flight.told else flight.pilot.mode[2] == Mode.FLY
+
+
+def cycle(_time: float, samples: list[Sample]) -> list[Sample]:
+    """Poses of three drones, each of which is seen as the next one."""
+    return [sample._replace(drone=(sample.drone + 1) % 3) for sample in samples]
+
+
+@pytest.mark.parametrize(("name", "seed"), [("cf21_50hz", 2), ("cf21_50hz", 3), ("cf21_tight_50hz", 2)])
+def test_three_that_are_seen_as_one_another_sink_slowly(name: str, seed: int) -> None:
+    flight = Flight(name, (0.0, 0.0, 0.0), seed, prepare=lambda link: link.poses.append(cycle))
+    flight.pass_to(12.0)
+    assert flight.record.impact.max() <= SOFTLY
+    assert flight.told == {0, 1, 2}
+    assert max(flight.cut) < 0.05
+    assert (flight.pilot.mode == Mode.FALLEN).all()
 
 
 @pytest.mark.parametrize(
