@@ -123,7 +123,8 @@ class Senses:
 
         immobile = self._held
         if any_of(self._held) or any_of(self.sinking.stands):
-            immobile = self._lift_off.moved(state) < _IMMOBILE
+            # not seen to move; without poses the estimate does, by the commands
+            immobile = ~usable | (self._lift_off.moved(state) < _IMMOBILE)
         self._sight = Sight(
             height=state[:, 2],
             usable=usable,
@@ -133,7 +134,7 @@ class Senses:
             astray=self._gone_astray,
             descended=self.sinking.descent.over(now, aloft, self.sinking.stands, immobile),
             grounded=self.grounded,
-            resting=immobile & self._resting if any_of(immobile) else immobile,
+            resting=immobile & usable & self._resting if any_of(immobile) else immobile,
         )
         return self._sight
 
