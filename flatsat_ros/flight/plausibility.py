@@ -23,6 +23,11 @@ _BEHIND = 0.5
 _LATE, _LATE_FOR = 0.15, 0.5
 # a drone that moves faster than this, m/s, is never twice in the same place
 _MOVES = 0.05
+# one may stand where its poses have repeated for the first time, s, before its flight: nobody flies blindly for so
+# long. Of others, that repeat since before it or since it was in the air, those are old ones that have repeated for the
+# second time, s, if commands should have moved the drone so fast, m/s.
+_STOOD = 1.0
+_BLIND = 0.5, 1e-3
 # an orientation in the air that has turned about the vertical by this, rad, and this rate, rad/s, and in any time by
 # the third angle, rad, is not of this body any more: markers are taken for one another
 _TURN, _TURN_RATE, _TURN_MOST = 0.5, 2.0, 1.0
@@ -52,6 +57,7 @@ class PoseScreen:
     def __init__(self, count: int) -> None:
         self._last: list[tuple[float, ...]] = [()] * count  # position of the newest pose
         self._since = np.full(count, np.inf)  # s, stamp from which on it repeats
+        self._stands = np.ones(count, dtype=bool)  # the drone may stand there
         self._old = np.zeros(count, dtype=bool)  # it is an old one until another one comes
         self._stillness = Stillness(count)
         self._late_since = [math.inf] * count  # s, since when all poses have come late
@@ -99,23 +105,41 @@ class PoseScreen:
         if still is not None and still.limit:
             return PoseRefusal.STILL, ("xyz"[still.axis], still.lasted, still.limit)
         if place != self._last[index]:
-            self._last[index], self._since[index], self._old[index] = place, stamp, False
+            self._last[index], self._since[index] = place, stamp
+            self._stands[index], self._old[index] = True, False
             return None if still is None else (PoseRefusal.OLD, ())
-        if not airborne:
-            if self._old[index]:
-                return PoseRefusal.REPEATED, ()
-            # one that was moving when it was seen last, and is held level since, is not there any more
-            return (PoseRefusal.OLD, ()) if aloft and math.hypot(*estimate[3:6]) > _MOVES else None
         lasted, commanded = stamp - self._since[index], math.hypot(*acceleration)
+        if not airborne:
+            return self._repeated(index, lasted, math.hypot(*estimate[3:6]), aloft)
         if self._stillness.is_fine(index):
             moves = math.hypot(*estimate[3:6]) > _MOVES
             self._old[index] |= any(lasted >= time and commanded >= least for time, least in REPEATED)
         else:
             moves = self._stillness.has_moved(index, stamp)
             self._old[index] |= moves and lasted >= REPEATED[0][0]
+        self._stands[index] &= not moves
         if self._old[index]:
             return PoseRefusal.REPEATED, ()
         return (PoseRefusal.OLD, ()) if moves else None
+
+    def _repeated(
+        self, index: int, lasted: float, speed: float, aloft: bool
+    ) -> tuple[PoseRefusal, tuple[float | str, ...]] | None:
+        """Return `refuse` for a pose of a drone that is not steered in the air, which has repeated for some time, s.
+
+        Args:
+            index: which drone.
+            lasted: s.
+            speed: estimated, m/s.
+            aloft: see `refuse`.
+        """
+        if not aloft:
+            self._stands[index] = lasted >= _STOOD
+        elif not self._stands[index]:
+            self._old[index] |= lasted >= _BLIND[0] and speed > _BLIND[1]
+        if self._old[index]:
+            return PoseRefusal.REPEATED, ()
+        return (PoseRefusal.OLD, ()) if aloft and not self._stands[index] and speed > _MOVES else None
 
     def complain(self, index: int, fault: PoseRefusal, now: float, *values: float | str) -> None:
         """Remember to tell about a refused pose, with the values of its text, once per event."""

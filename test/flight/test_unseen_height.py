@@ -15,7 +15,7 @@ from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.law.gain import Tuning
 from flatsat_ros.sim.closed_loop import fly
-from flatsat_ros.sim.faults import FaultyLink, frozen
+from flatsat_ros.sim.faults import FaultyLink, frozen, repeated, rounded
 from flatsat_ros.sim.fleet import SimulatedFleet
 from flatsat_ros.sim.sensor import MotionCapture
 
@@ -29,11 +29,11 @@ SINKING = 1.1  # m/s, of who was told to sink; with too little thrust it sinks t
 class Flight:
     """A drone on the floor, or in the air; what was told, and how it met the floor."""
 
-    def __init__(self, name: str, thrust: float, height: float, floor: float = 0.0) -> None:
+    def __init__(self, name: str, thrust: float, height: float, floor: float = 0.0, noise: float = NOISE) -> None:
         certificate = load_certificate(name)
         place = np.array([[0.0, 0.0, height]])
         self.fleet = SimulatedFleet(
-            VEHICLE, 1, start=place, seed=SEED, thrust_scale=thrust, capture=MotionCapture(noise=NOISE),
+            VEHICLE, 1, start=place, seed=SEED, thrust_scale=thrust, capture=MotionCapture(noise=noise),
             command_delay=LINK_DELAY, flying=height > floor, floor=floor,
         )  # fmt: skip
         policy = Policy(disturbance_max=0.8, thrust_error_max=0.25, drag=VEHICLE.dynamics.drag_z)
@@ -110,3 +110,29 @@ def test_whoever_is_locked_on_a_table_is_unlocked_when_it_has_not_moved(name: st
     flight.pass_by(12.0)
     assert any("on something: unlocked" in text for text in flight.told)
     assert flight.fleet.bodies.position[0, 2] == pytest.approx(1.2, abs=0.05)
+
+
+@pytest.mark.parametrize("goal", [(0.1, 0.0, HEIGHT), (0.0, 0.0, HEIGHT - 0.1)])
+def test_whoever_is_taken_over_with_poses_that_repeat_is_led_down_without_them(goal: tuple[float, ...]) -> None:
+    flight = Flight("cf21_adaptive_50hz", 1.0, HEIGHT)
+    flight.pass_by(0.3)
+    flight.link.poses.append(repeated())
+    flight.pass_by(0.3)
+    flight.pilot.set_goal(0, np.array(goal))
+    flight.pass_by(12.0)
+    assert flight.fleet.bodies.grounded.all()
+    assert np.linalg.norm(flight.fleet.bodies.position[0, :2]) < 1.0
+    assert flight.record.impact[0] <= SINKING
+    assert any("the same pose again and again" in text for text in flight.told)
+
+
+@pytest.mark.parametrize(("noise", "step"), [(0.0, 1e-9), (1e-4, 1e-3)])
+def test_on_a_table_poses_may_repeat(noise: float, step: float) -> None:
+    """So those of an ideal motion capture do, and those of whole millimetres."""
+    flight = Flight("cf21_adaptive_50hz", 1.0, 0.75, floor=0.75, noise=noise)
+    flight.link.poses.append(rounded(step))
+    flight.pass_by(1.0)
+    flight.pilot.take_off(0, 0.5)
+    flight.pass_by(8.0)
+    assert flight.pilot.mode[0] == Mode.FLY
+    assert flight.fleet.bodies.position[0, 2] == pytest.approx(1.25, abs=0.03)
