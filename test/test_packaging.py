@@ -102,17 +102,42 @@ def test_a_path_of_the_users_is_taken_as_it_is(tmp_path: Path, monkeypatch: pyte
 
 
 @pytest.mark.parametrize(
-    "name",
+    ("name", "why"),
     [
-        "paper_experimnt", "paper_experimnt.yaml", "./paper_experimnt", "", "vehicles", "..", "~nobody_here/x.yaml",
-        "x" * 5000, "./" + "x" * 5000, "nul\0", "./nul\0", "two\nlines.yaml", "/dev/null/x.yaml", "/dev/zero", "/",
+        ("paper_experimnt", "there is no"),
+        ("", "there is no"),
+        ("vehicles", "there is no"),
+        ("..", "there is no"),
+        ("nul\0", "there is no"),
+        ("x" * 5000, "there is no"),
+        ("paper_experimnt.yaml", "cannot be read: No such file"),
+        ("./paper_experimnt", "cannot be read: No such file"),
+        ("two\nlines.yaml", "cannot be read: No such file"),
+        ("./" + "x" * 5000, "cannot be read: File name too long"),
+        ("/dev/null/x.yaml", "cannot be read: Not a directory"),
     ],
-)  # fmt: skip
-def test_a_missing_configuration_is_refused_in_one_line_with_the_names_that_exist(name: str) -> None:
-    with pytest.raises(FlatsatError, match=r"there is no .*paper_experiment, .*paper_simulation") as refused:
+)
+def test_a_missing_configuration_is_refused_in_one_line_with_the_names_that_exist(name: str, why: str) -> None:
+    with pytest.raises(FlatsatError, match=f"{why}.*paper_experiment, .*paper_simulation") as refused:
         config_path(name)
     assert str(refused.value).isprintable()
     assert len(str(refused.value)) < 900
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("~nobody_here/x.yaml", "must be a path whose home folder exists"),
+        ("./nul\0", "must be the path of a file"),
+        ("/dev/zero", "must be a regular file"),
+        ("/", "it is a folder"),
+    ],
+)
+def test_what_can_be_no_configuration_is_refused_in_one_line_that_says_why(name: str, why: str) -> None:
+    with pytest.raises(FlatsatError, match=why) as refused:
+        config_path(name)
+    assert str(refused.value).isprintable()
+    assert len(str(refused.value)) < 200
 
 
 def test_versions_agree(root: Path) -> None:
