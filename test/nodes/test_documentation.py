@@ -125,8 +125,7 @@ def offers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Offer]:
             rclpy.init(args=["--ros-args", *(part for value in given for part in ("-p", value))])
             node = make()
             found[program] = offer_of(node)
-            for link in getattr(node, "links", []):
-                link.leave()
+            node.finish()
             node.destroy_node()
             rclpy.shutdown()
     return found
