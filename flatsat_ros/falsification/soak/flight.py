@@ -29,7 +29,6 @@ _DISTANCE, _IN_A_ROW = 1.5, 5  # m between drones on the floor, how many of them
 _AWAY = (0.3, 0.2, 0.3)  # m, from one goal to the other
 _NEAR = 0.5  # m, from where a take-off ends that began at one of the two places
 _GOAL_EVERY, _SAMPLE_EVERY = 5.0, 1.0  # s
-_MEETING = 2.0  # s, in which the nodes find each other: commands that nobody takes open no thrust lock
 _CLIMB, _LANDING = 30.0, 60.0  # s, that they may take
 
 
@@ -113,9 +112,6 @@ class SoakFlight(Live):
 
     def perform(self, seconds: float) -> None:
         """Fly for a time, s."""
-        met = self.now() + _MEETING
-        while self.now() < met:
-            self.step()
         self.arm()
         self._begin = self.now()
         self._until = self._begin + seconds
