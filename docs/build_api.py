@@ -31,6 +31,9 @@ def main() -> int:
     rooms = [importlib.import_module(package.name) for package in found if package.ispkg]
     try:
         documented = [module.__name__ for module in (flatsat_ros, *rooms) if _prepare(module)]
+        # with names to offer, a package's page lists none of what lies inside it
+        listed = ", ".join(f"`{name}`" for name in documented[1:])
+        flatsat_ros.__doc__ = f"{flatsat_ros.__doc__}\n\nThe rooms: {listed}."
         pdoc.pdoc(*documented, output_directory=_TARGET)
     except Warning as warning:
         print(f"make docs: {' '.join(str(warning).split())}", file=sys.stderr)

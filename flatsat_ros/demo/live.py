@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 NAMESPACE = "/demo"
 BAG = "bag"  # in the folder of the results
 _DISCOVERY = 30.0  # s, until all nodes must have found each other
+_NAMED = 6  # of what is missing then; forty drones have hundreds of topics and services
 _LISTENING = 1.0  # s, in which another demo would be noticed
 SLICE = 0.02  # s
 _ANSWER = 10.0  # s, that the answer of a service may take
@@ -140,7 +141,9 @@ class Live(Stage):
         """
         with self.progress(_DISCOVERY, "waiting for the nodes", leave=False):
             if not self.wait_until(lambda: not self._conductor.missing(), _DISCOVERY):
-                raise FlatsatError(f"not heard of after {_DISCOVERY:g} s: {', '.join(self._conductor.missing())}")
+                missing = self._conductor.missing()
+                others = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
+                raise FlatsatError(f"not heard of after {_DISCOVERY:g} s: {', '.join(missing[:_NAMED])}{others}")
 
     def show(self, log: Path) -> None:
         """Say where the console serves its page, open it where there is a display, and wait for Enter or a while.

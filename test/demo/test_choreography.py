@@ -131,6 +131,15 @@ class Conductor:
     def spin(self, seconds: float) -> None:
         time.sleep(seconds)
 
+    def missing(self) -> list[str]:
+        return [f"cf{k}/pose" for k in range(1, 41)]
+
+
+def test_of_many_nodes_that_are_missing_a_few_are_named_and_the_others_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live, "_DISCOVERY", 0.1)
+    with pytest.raises(FlatsatError, match=r"after 0\.1 s: cf1/pose, cf2/pose, .*cf6/pose and 34 more$"):
+        live.Live(Conductor(), {}).wait_for_nodes()
+
 
 def test_only_drones_that_still_stand_are_asked_to_take_off_again() -> None:
     conductor = Conductor("cf2: no pose", "cf2: no pose", "ok", standing=("cf2",))

@@ -52,6 +52,17 @@ def test_the_page_is_whole_readable_and_fits(flown: Path, width: str, theme: str
         page.require_sound()
 
 
+def test_curves_of_any_size_have_two_numbers_beside_them_that_tell_their_scale(flown: Path) -> None:
+    with browser(flown.as_uri()) as page:
+        ready(page)
+        for size in np.geomspace(0.01, 1000.0, 41):
+            numbers = page.run(
+                f"return report.plots.plots.map((plot) => {{ plot.setData([[0, 1], [-{size}, {size}], [0, 0], [0, 0]]);"
+                " return plot.axes[1]._values.length })"
+            )
+            assert min(numbers) >= 2, size
+
+
 def test_every_control_does_what_it_says(flown: Path) -> None:
     with browser(flown.as_uri()) as page:
         ready(page)

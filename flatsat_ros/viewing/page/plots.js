@@ -97,7 +97,7 @@ class Plots {
         legend: { show: false },
         cursor: { drag: { x: true, y: false }, points: { size: 5 }, sync: { key: "flight" } },
         scales: { x: { time: false }, y: { range: (_, low, high) => Plots.range(low, high, limits) } },
-        axes: [{ ...axis, size: 22, values: (_, ticks) => ticks.map((t) => `${t} s`) }, { ...axis, size: 54, values: (_, ticks) => ticks.map(Plots.tick) }],
+        axes: [{ ...axis, size: 22, values: (_, ticks) => ticks.map((t) => `${t} s`) }, { ...axis, size: 54, space: 20, values: (_, ticks) => ticks.map(Plots.tick) }],  // so that two numbers find room
         series: [
           {},
           ...drones.map((drone, k) => ({ label: drone.name, stroke: colourOf(k), width: 1.4, dash: dashOf(k), spanGaps: false, points: { show: false } })),
