@@ -259,7 +259,7 @@ class Console(ProgramNode):
             raise FlatsatError("a goal is for one drone: choose it")
         place = wanted.get("position")
         if not (isinstance(place, list) and len(place) == 3 and all(_is_number(value) for value in place)):
-            raise refusal("position", quoted(place), "m", "three finite numbers")
+            raise refusal("position", place, "m", "three numbers, each below 1e9")
         if self.count_subscribers(interfaces.GOAL.of(who)) == 0:
             raise FlatsatError(f"nobody takes goals for {who}: is the controller running?")
         if who not in self._goals:
@@ -286,7 +286,7 @@ class Console(ProgramNode):
         if name not in TUNED:
             raise refusal("name", name, "", f"one of {', '.join(TUNED)}")
         if not _is_number(value):
-            raise refusal(name, quoted(value), "", "a finite number")
+            raise refusal(name, value, "", "a number below 1e9")
         full = name if who == interfaces.ALL else f"robots.{who}.{name}"
         request = messages.parameters_request({full: float(value)})
         self._ask(SetParameters, f"{interfaces.CONTROLLER_NODE}/set_parameters", request, answer)

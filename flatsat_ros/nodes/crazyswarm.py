@@ -89,7 +89,8 @@ class DroneLink:
 
     def _report(self, future: Future) -> None:
         if refusal := messages.refusal_from_answer(future.result()):
-            self._node.get_logger().error(f"{self._robot}: {refusal}")
+            # servers that arm several drones at once say of which one they speak
+            self._node.get_logger().error(f"{self._robot}: {refusal.removeprefix(f'{self._robot}: ')}")
 
     def require_successor(self) -> None:
         """Refuse to give a drone away in the air if its own commander cannot be told to hold it.

@@ -77,6 +77,10 @@ def test_a_flight_is_seen_and_steered_through_the_console(lab: Lab) -> None:
     done, text = browser.send(do="goal", who="cf1", position=[0.3, 0.2, 70.0])
     assert not done
     assert "z of the goal = 70.0 m: must be in the box" in text
+    refused = browser.send(do="goal", who="cf1", position=[1e99, 0.2, 0.7])
+    assert refused == (False, "position = [1e+99, 0.2, 0.7] m: must be three numbers, each below 1e9")
+    refused = browser.send(do="set", who="cf1", name="mu", value="3")
+    assert refused == (False, "mu = '3': must be a number below 1e9")
 
     def arrived() -> bool:
         x, y, z = browser.look()["drones"][0]["pose"]["values"][:3]

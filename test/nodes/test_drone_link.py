@@ -141,6 +141,10 @@ def test_a_refusal_to_arm_is_said_and_an_empty_answer_is_none(node: Node) -> Non
     link(node, {"/cf1/arm": ["std_srvs/srv/SetBool"]}).arm(True)
     node.let_pass()
     assert node.said == ["cf1: arming refused in state CRASHED"]
+    node.answer = SimpleNamespace(success=False, message="cf1: arming refused in state LOCKED")
+    link(node, {"/cf1/arm": ["std_srvs/srv/SetBool"]}).arm(True)
+    node.let_pass()
+    assert node.said.pop() == "cf1: arming refused in state LOCKED"
     node.answer = SimpleNamespace()
     link(node).arm(True)
     node.let_pass()

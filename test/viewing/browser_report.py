@@ -63,6 +63,24 @@ def test_curves_of_any_size_have_two_numbers_beside_them_that_tell_their_scale(f
             assert min(numbers) >= 2, size
 
 
+def test_a_battery_that_is_told_once_a_second_is_one_line(tmp_path: Path) -> None:
+    times = np.arange(0.0, 20.0, 1.0)
+    poses = np.column_stack([times, np.zeros((times.size, 6)), np.ones(times.size)])
+    channels = {
+        "pose": Channel(POSE_FIELDS, poses),
+        "battery": Channel(("voltage",), np.column_stack([times, np.full(times.size, 4.0)])),
+    }
+    file = tmp_path / "battery.html"
+    file.write_text(report(Flight("battery", [Track("cf1", channels)], [], {}, [])), encoding="utf-8")
+    with browser(file.as_uri()) as page:
+        ready(page)
+        drawn = page.run(
+            "const k = report.plots.quantities.findIndex((one) => one.title === 'Battery');"
+            " return report.plots.plots[k].data[1]"
+        )
+        assert set(drawn) == {4.0}
+
+
 def test_every_control_does_what_it_says(flown: Path) -> None:
     with browser(flown.as_uri()) as page:
         ready(page)

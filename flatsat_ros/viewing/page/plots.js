@@ -5,7 +5,7 @@ const SQUARED = (row) => Math.hypot(...row);
 
 /**
  * What is drawn: title, unit, channel, fields, how a row of fields becomes a value, whether only in flight, whether only
- * while the reference is above the floor, and limits from the setup.
+ * while the reference is above the floor, limits from the setup, and for how long a value counts, s, if not for 0.25.
  */
 const QUANTITIES = [
   { title: "Horizontal error", unit: "cm", kind: "tick", fields: ["error_x", "error_y"], value: (row) => 100 * SQUARED(row), flying: true, above: true, limits: (s) => [100 * s.tube_m] },
@@ -19,7 +19,7 @@ const QUANTITIES = [
   { title: "Height z", unit: "m", kind: "pose", fields: ["z"] },
   { title: "Compensated disturbance", unit: "m/s²", kind: "tick", fields: ["d_x", "d_y", "d_z"], value: SQUARED },
   { title: "Thrust scale", unit: "", kind: "tick", fields: ["thrust_scale"], limits: () => [1] },
-  { title: "Battery", unit: "V", kind: "battery", fields: ["voltage"] },
+  { title: "Battery", unit: "V", kind: "battery", fields: ["voltage"], lasts: 10 },
   { title: "Commanded roll", unit: "°", kind: "command", fields: ["roll"], only: "tick" },
   { title: "Commanded pitch", unit: "°", kind: "command", fields: ["pitch"], only: "tick" },
   { title: "Commanded thrust", unit: "PWM", kind: "command", fields: ["thrust"], only: "tick" },
@@ -52,7 +52,7 @@ function sampled(drone, quantity, times) {
       const one = value(columns.map((column) => column[index]));
       if (Number.isFinite(one) && (found === null || Math.abs(one) > Math.abs(found))) found = one;
     }
-    const isFresh = index > 0 && time - channel.times[index - 1] < Math.max(0.25, step) && !(modes && modes[index - 1] !== 2) && !isSinking(index - 1);
+    const isFresh = index > 0 && time - channel.times[index - 1] < Math.max(quantity.lasts || 0.25, step) && !(modes && modes[index - 1] !== 2) && !isSinking(index - 1);
     if (found === null && k > 0 && isFresh) found = values[k - 1];
     values[k] = found;
   });
