@@ -47,6 +47,8 @@ class Backends:
     def look(self, index: int) -> None:
         """Look who takes the set-points of drone index now, and tell what has changed."""
         robot = self._robots[index]
+        service = interfaces.drone_service_of(robot, interfaces.ADD_LOGGING)
+        full_name = self._node.resolve_service_name(service)
         linked = self._node.count_subscribers(interfaces.COMMAND.of(robot)) > 0
         if self._linked[index] and not linked:
             self._node.get_logger().error(f"{robot}: nobody takes its set-points any more: its link has ended")
@@ -55,8 +57,7 @@ class Backends:
         self._linked[index] = linked
         if self._is_given or not linked:
             return
-        service = interfaces.drone_service_of(robot, interfaces.ADD_LOGGING)
-        offered = self._node.count_services(self._node.resolve_service_name(service)) > 0
+        offered = self._node.count_services(full_name) > 0
         found = Backend.CFLIB if offered else Backend.CPP
         why = f"{service} is {'offered' if offered else 'not offered'}"
         if found is not self._backends[index] and self._flies(index):

@@ -145,7 +145,7 @@ class Rivals:
         robot, now, several, doubtful = self._robots[index], self._clock(), [], []
         for source in self._sources(index):
             name = self._name(source)
-            listed = self._node.count_publishers(name)
+            listed = self._node.count_publishers(source.topic)
             if listed < 2:
                 self._close(name)
                 continue
@@ -154,9 +154,10 @@ class Rivals:
             heard = Heard.UNKNOWN if ear is None else ear.listen(now, listed, robot, silent=silent)
             if heard is Heard.SEVERAL:
                 about = f" about {robot}" if source.topic in _SHARED else ""
-                several.append(f"more than one sends {source.topic}{about}, of its publishers {self._publishers(name)}")
+                publishers = self._publishers(source)
+                several.append(f"more than one sends {source.topic}{about}, of its publishers {publishers}")
             elif heard is Heard.UNKNOWN:
-                doubtful.append(f"{source.topic} has the publishers {self._publishers(name)}")
+                doubtful.append(f"{source.topic} has the publishers {self._publishers(source)}")
         found = "; ".join(several)
         advice = "stop all but one" if several else f"if only one of them sends, that is known after {_HOLD:g} s"
         self._bar(index, f"{'; '.join(several or doubtful)}: {advice}" if several or doubtful else "")
@@ -214,9 +215,9 @@ class Rivals:
         if ear is not None and self._ear_node is not None:
             self._ear_node.destroy_subscription(ear.subscription)
 
-    def _publishers(self, name: str) -> str:
+    def _publishers(self, source: Source) -> str:
         """Return who publishes a topic."""
-        found = self._node.get_publishers_info_by_topic(name)
+        found = self._node.get_publishers_info_by_topic(source.topic)
         return ", ".join(sorted(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in found))
 
 

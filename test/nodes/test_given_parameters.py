@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import socket
 import time
@@ -159,6 +160,111 @@ def test_in_a_file_for_several_nodes_what_belongs_to_others_does_not_disturb(
     for make in (ControllerNode, SimDrone):
         node = started(make, arguments)
         assert node.robots == ["cf1", "cf2"]
+
+
+SECTIONS = [
+    ("/", "flatsat_controller", True),
+    ("/", "/flatsat_controller", True),
+    ("/", "/**", True),
+    ("/", "/*", True),
+    ("/", "**/flatsat_controller", True),
+    ("/", "controller", False),
+    ("/", "/flatsat_control", False),
+    ("/", "/flatsat_controller_2", False),
+    ("/", "/lab/flatsat_controller", False),
+    ("/", "/*/flatsat_controller", False),
+    ("/lab", "/lab/flatsat_controller", True),
+    ("/lab", "lab/flatsat_controller", True),
+    ("/lab", "/**", True),
+    ("/lab", "/lab/*", True),
+    ("/lab", "/lab/**", True),
+    ("/lab", "/**/flatsat_controller", True),
+    ("/lab", "/*/flatsat_controller", True),
+    ("/lab", "flatsat_controller", False),
+    ("/lab", "/*", False),
+    ("/lab", "/lab", False),
+]
+
+
+@pytest.mark.parametrize(("namespace", "section", "applies"), SECTIONS)
+def test_a_file_is_taken_where_ros_takes_it_for_this_node(
+    namespace: str, section: str, applies: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What ROS takes shows in the refusal of a value."""
+    file = tmp_path / "mine.yaml"
+    both = {"/other": {"ros__parameters": {"a": {"b": [1, 2]}}}, section: {"ros__parameters": {"mu": -1.0}}}
+    file.write_text(yaml.dump(both, sort_keys=False), encoding="utf-8")
+    assert run(ControllerNode, ["program", "--ros-args", "-r", f"__ns:={namespace}", "--params-file", str(file)]) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert ("parameter mu = -1.0 1/s: must be" in said) == applies
+    assert said.startswith(f"error: {file}: its sections are /other, {section}: must have one for ") != applies
+
+
+def test_a_file_for_other_nodes_alone_is_refused_with_the_nearest(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    good, bad, none = tmp_path / "good.yaml", tmp_path / "bad.yaml", tmp_path / "none.yaml"
+    good.write_text("# a file with nothing for it\nflatsat_controller:\n  ros__parameters: {}\n", encoding="utf-8")
+    bad.write_text(
+        "lab:\n  flatsat_controler:\n    ros__parameters: {mu: 1.0}\n---\nsim_drone: {ros__parameters: {a: [[], b]}}\n",
+        encoding="utf-8",
+    )
+    none.write_text("{}", encoding="utf-8")
+    files = [word for file in (good, bad) for word in ("--params-file", str(file))]
+    assert run(ControllerNode, ["program", "--ros-args", *files]) == 2
+    assert run(ControllerNode, ["program", "--ros-args", "-r", "__node:=mine", "--params-file", str(none)]) == 2
+    first, second = capsys.readouterr().err.splitlines()
+    assert first == (
+        f"error: {bad}: its sections are lab/flatsat_controler, sim_drone: must have one for /flatsat_controller, or "
+        "for all nodes: /**; the nearest is /lab/flatsat_controler"
+    )
+    assert second == f"error: {none}: it has no section: must have one for /mine, or for all nodes: /**"
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (None, "it is a device, pipe or socket, must be a regular file"),
+        (b"#" * 200_000, "it has more than 131072 bytes"),
+        (b"/**: {ros__parameters: {a: " + b"[" * 60_000, "more than 32 lists and mappings inside each other"),
+        (b"/**: {ros__parameters: {a: [}}\n", "line 1"),
+        ("/**: {ros__parameters: {a: \xe9}}\n".encode("latin-1"), "can't decode"),
+    ],
+)
+def test_a_file_of_parameters_is_read_as_boundedly_as_others(
+    content: bytes | None, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "mine.yaml"
+    if content is None:
+        os.mkfifo(file)
+    else:
+        file.write_bytes(content)
+    assert run(ControllerNode, ["program", "--ros-args", "--params-file", str(file)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"error: {file}: cannot be read: ")
+    assert reason in line
+
+
+@pytest.mark.parametrize(
+    ("namespace", "name", "taken"),
+    [
+        ("/", "flatsat_controller:mu", True),
+        ("/", "controller:mu", False),
+        ("/lab", "flatsat_controller:mu", False),
+        ("/", "mu", True),
+    ],
+)
+def test_a_parameter_for_another_node_is_refused(
+    namespace: str, name: str, taken: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(ControllerNode, [*given(**{name: -1.0}), "-r", f"__ns:={namespace}"]) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    node = name.partition(":")[0]
+    other = (
+        f"error: parameter '{name}:=-1.0' is for node /{node}: must be for {namespace.rstrip('/')}/flatsat_controller: "
+        f"leave '{node}:' away"
+    )
+    assert said == ("error: parameter mu = -1.0 1/s: must be from 0.0 to 100.0" if taken else other)
 
 
 def dumped(node: ProgramNode) -> str:

@@ -146,7 +146,7 @@ def test_a_rival_that_appears_before_the_motors_start_calls_the_take_off_off(
         lab.goal(robot, float(robot == "cf2"), 0.0, 1.0)
     lab.run(0.1)
     assert lab.modes == [Mode.IDLE if waits else Mode.UNLOCK, Mode.UNLOCK]
-    rivals.append("/cf1/pose")
+    rivals.append("cf1/pose")
     lab.node._rivals._openings = 1
     lab.blind = set()
     lab.run(2.0)

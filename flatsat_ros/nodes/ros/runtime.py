@@ -15,6 +15,7 @@ from typing import Any
 
 import rclpy
 from rclpy.callback_groups import CallbackGroup
+from rclpy.client import Client
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.exceptions import NameValidationException
@@ -32,6 +33,7 @@ from rclpy.utilities import remove_ros_args
 from flatsat_ros.base.errors import FlatsatError, nearest_name, quoted, reason_of
 from flatsat_ros.nodes.ros import messages
 from flatsat_ros.nodes.ros.faults import Faults
+from flatsat_ros.nodes.ros.given import Called, given_now, giving, read_given
 
 # how long the last messages of a process may take to be acknowledged, s
 ENDING_TIME = 0.5
@@ -41,6 +43,8 @@ _PATIENCE = 0.1
 _SHUTDOWN_PATIENCE = 0.05
 # what is left to do in a shutdown is said this often, s
 _PROGRESS_PERIOD = 1.0
+# after this time remappings that have changed nothing are told, s: what there is has been found, as a rule
+_SETTLED = 5.0
 # what ROS takes after --ros-args, for a hint
 _ROS_ARGUMENTS = ("--param", "--params-file", "--remap", "--log-level", "--log-config-file", "--enclave")
 
@@ -60,12 +64,21 @@ class ProgramNode(Node):
     shutdown_time_max = 10.0
 
     def __init__(self, name: str) -> None:
+        """Make the node.
+
+        Raises:
+            FlatsatError: the command line has parameters for other nodes alone.
+        """
+        self._given, self._own_name = given_now(), name
+        self._called = Called({"/rosout"}, set())  # that topic is opened by rcl itself
         super().__init__(name)
+        self._given.require_for(self.get_fully_qualified_name())
         self.done = False
         self.exit_code = 0
         self.faults = Faults(self.get_logger())
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.add_on_set_parameters_callback(self._keep_time_source)
+        self._settling = self.create_timer(_SETTLED, self.tell_unused) if self._given.rules else None
 
     def begin_shutdown(self) -> None:
         """Begin to leave the world in a safe state; callbacks go on until `is_shut_down`."""
@@ -86,6 +99,34 @@ class ProgramNode(Node):
         executor = self.executor
         while executor is not None and condition():
             spin_once(executor, self.faults, _SHUTDOWN_PATIENCE)
+
+    def tell_unused(self) -> None:
+        """Tell once of remappings that have changed nothing."""
+        if self._settling is not None:
+            self._settling.cancel()
+            self._settling = None
+            for sentence in self._given.unused(self._called, self._own_name, self.get_name(), self.get_namespace()):
+                self.get_logger().warning(sentence)
+
+    def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
+        """Return the full name of a topic; rclpy asks for that of each publisher and subscription."""
+        if self._given.rules:
+            self._called.topics.add(super().resolve_topic_name(topic, only_expand=True))
+        return str(super().resolve_topic_name(topic, only_expand=only_expand))
+
+    def resolve_service_name(self, service: str, *, only_expand: bool = False) -> str:
+        """Return the full name of a service."""
+        if self._given.rules:
+            self._called.services.add(super().resolve_service_name(service, only_expand=True))
+        return str(super().resolve_service_name(service, only_expand=only_expand))
+
+    def count_publishers(self, topic_name: str) -> int:
+        """Count who publishes a topic, by the name that it is remapped to, as our own publishers and subscriptions."""
+        return int(super().count_publishers(self.resolve_topic_name(topic_name)))
+
+    def count_subscribers(self, topic_name: str) -> int:
+        """Count who subscribes to a topic, by the name that it is remapped to."""
+        return int(super().count_subscribers(self.resolve_topic_name(topic_name)))
 
     def create_timer(
         self,
@@ -124,7 +165,15 @@ class ProgramNode(Node):
                 return callback(request, answer)
             return messages.failure_answer(answer, "failed by an error of the program: see the log")
 
-        return super().create_service(srv_type, srv_name, serve, *args, **options)
+        service = super().create_service(srv_type, srv_name, serve, *args, **options)
+        self.resolve_service_name(srv_name)
+        return service
+
+    def create_client(self, srv_type: type[Any], srv_name: str, *args: Any, **options: Any) -> Client:
+        """Create a client of a service."""
+        client = super().create_client(srv_type, srv_name, *args, **options)
+        self.resolve_service_name(srv_name)
+        return client
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
         """Set all parameters or none; what there is none of is refused by name, which rclpy leaves out."""
@@ -155,6 +204,7 @@ def run(make_node: Callable[[], ProgramNode], arguments: Sequence[str] | None = 
     arguments = list(sys.argv if arguments is None else arguments)
     with _signals() as signals:
         try:
+            given = read_given(arguments)  # before rcl does, which waits for ever for what a pipe says
             rest = remove_ros_args(arguments)[1:]
             if {"-h", "--help"} & set(rest):
                 print(_usage(make_node, arguments))
@@ -162,12 +212,15 @@ def run(make_node: Callable[[], ProgramNode], arguments: Sequence[str] | None = 
             if rest:
                 return _refuse(_misplaced(rest[0]))
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        except FlatsatError as error:
+            return _refuse(str(error))
         except rclpy_implementation.UnknownROSArgsError as error:
             return _refuse(f"ROS does not take {error}: must be {', '.join(_ROS_ARGUMENTS)} with what belongs to it")
         except RuntimeError as error:  # RCLError: a value or a file that ROS does not take
             return _refuse(re.sub(r",? at \S+:\d+", "", reason_of(error)))  # without places in ROS's source
         try:
-            node = make_node()
+            with giving(given):
+                node = make_node()
         except (FlatsatError, OSError, NameValidationException, rclpy_implementation.RCLError) as error:
             rclpy.try_shutdown()
             return _refuse(reason_of(error))
@@ -176,6 +229,7 @@ def run(make_node: Callable[[], ProgramNode], arguments: Sequence[str] | None = 
         try:
             while not signals and not node.done:
                 spin_once(executor, node.faults, _PATIENCE)
+            node.tell_unused()
             _shut_down(node, executor, signals)
         finally:
             with node.faults.contain("finish"):
