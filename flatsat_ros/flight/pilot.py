@@ -214,7 +214,7 @@ class Pilot:
         """
         self._require_clear(index)
         place, mode = self._step.state[index, :3], Mode(self.mode[index])
-        if mode not in (Mode.IDLE, Mode.UNLOCK, Mode.CUT) or self._parts.senses.moves(index, self._step.state[index]):
+        if mode not in (Mode.IDLE, Mode.UNLOCK, Mode.CUT) or self._parts.senses.footing.moves(self._step.state[index]):
             raise FlatsatError(f"the drone is in {mode.name} at z = {place[2]:.2f} m: only one on the ground takes off")
         if not self._step.usable[index]:
             raise FlatsatError("the drone's pose is not known: it needs fresh poses to take off")

@@ -89,7 +89,7 @@ class ControlStep:
             for index in parts.traffic.look():
                 self.begin(index, patient=True)
             self.reports += parts.traffic.reports()
-        flying, level, grounded = supervisor.flying, supervisor.level, senses.grounded
+        flying, level, grounded = supervisor.flying, supervisor.level, senses.footing.grounded
         references = guidance.references
         reference = references.sample(now)
         guidance.update(now, state, reference, flying, self._full)
@@ -99,7 +99,7 @@ class ControlStep:
                 self.reports.append(Report(index, f"{text}: it brakes and lands"))
         landing = guidance.landing if any_of(guidance.landing) else None
         touching = None if landing is None else landing & guidance.near_ground(state)
-        steered = Steered(flying, level, grounded, landing, touching, senses.resting)
+        steered = Steered(flying, level, grounded, landing, touching, senses.footing.resting)
         aim = parts.loop.aim(now, estimated, reference, steered)
         hurried = senses.thrust.hurried
         adapting = flying if hurried is None else flying & ~hurried
@@ -134,7 +134,7 @@ class ControlStep:
             estimator.measured,
             parts.loop.doubted,
         )
-        if parts.orientations.from_motion and senses.looked:
+        if parts.orientations.from_motion and senses.looks.looked:
             estimator.yaw += senses.take_turns()
         if self._policy.goal_mode is GoalMode.PATH:  # steps take a drone to its limit by themselves
             for index in senses.at_limit(now, aim.base, estimate, error, guidance.landing, parts.loop.ease):
@@ -148,10 +148,10 @@ class ControlStep:
                 guidance.land(index, now)
                 self.reports.append(Report(index, f"{parts.loop.unclaimed(index)}: it brakes and lands"))
         self._full = command[:, 0] >= _FULL * self._certificate.limits.thrust_max
-        changing = bool(transitions) or senses.looked
+        changing = bool(transitions) or senses.looks.looked
         aloft = level | lifted if changing else None
         estimator.command(now, acceleration, free, aloft)
-        told = senses.reports() + estimator.complaints() + parts.loop.reports(watched)
+        told = senses.strays.reports() + estimator.complaints() + parts.loop.reports(watched)
         reports, self.reports = self.reports + [Report(*entry) for entry in told], []
         return Tick(
             mode=supervisor.mode.copy(),

@@ -58,7 +58,7 @@ def test_a_velocity_that_is_wrong_after_poses_were_missed_makes_no_height_stand_
         estimated[0, 2], estimated[0, 5], error[0, 2] = 1.0 + max(-tick, 0), climb, -0.3  # without poses it is led on
         newest = np.full(1, float(max(tick, 0)))
         senses.note(np.zeros((1, 3)), estimated, error, np.zeros(1), ON, NONE, newest=newest)
-        told += senses.reports()
+        told += senses.strays.reports()
     assert any("stays within" in text for _, text in told) is (missed == "none")
 
 
