@@ -53,7 +53,12 @@ class Performance:
     """
 
     def __init__(
-        self, prepared: PreparedPlan, pilot: Pilot, names: Sequence[str], planner: Planner | None = None
+        self,
+        prepared: PreparedPlan,
+        pilot: Pilot,
+        names: Sequence[str],
+        planner: Planner | None = None,
+        called: str = "the plan",
     ) -> None:
         """Bind a verified plan to the drones of a pilot.
 
@@ -62,6 +67,7 @@ class Performance:
             pilot: flies the drones.
             names: of the pilot's drones.
             planner: of the way to their places; without one the rules alone bring them there.
+            called: so in what is told.
 
         Raises:
             FlatsatError: the plan is for drones that are not there, or for another input set.
@@ -86,7 +92,7 @@ class Performance:
         self._origin = 0.0  # s of the clock, when it was 0, in flight
         self._until = -math.inf  # s, when what is done now has ended
         self._settled = math.inf  # s, since when all are at their places
-        self._planner = planner
+        self._planner, self._called = planner, called
         self._gathering: Gathering | None = None
         self._way: Performance | None = None  # to their places
         self._looked = -math.inf  # s, when drones were looked at last
@@ -219,7 +225,7 @@ class Performance:
         try:
             if self._way is None:
                 assert gathering.found is not None
-                self._way = Performance(gathering.found, self._pilot, self._names)
+                self._way = Performance(gathering.found, self._pilot, self._names, called="the way to the places")
                 self._way.start(now)
                 self._tell(f"all go to their places by a plan of {gathering.found.plan.duration:.1f} s")
         except FlatsatError as error:
@@ -244,7 +250,7 @@ class Performance:
         self._outside = math.inf
         self._given.clear()
         self.phase, self._origin, self._until = PlanPhase.FLYING, origin, origin + self.plan.duration
-        self._tell(f"the plan is flown from {begin - now:.3f} s on: all set out together")
+        self._tell(f"{self._called} is flown from {begin - now:.3f} s on: all set out together")
 
     def _stop(self, now: float) -> None:
         """Let all slow down, from one time on, and stand still."""
@@ -275,7 +281,7 @@ class Performance:
                 self._pilot.set_planned(index, trajectory)
                 self._given[index] = trajectory
             except FlatsatError as error:
-                self._tell(f"{self._names[index]} cannot follow the plan: {error}; it holds", index)
+                self._tell(f"{self._names[index]} cannot follow {self._called}: {error}; it holds", index)
                 self._pilot.hold(index)
 
     def _look_who_follows(self, now: float) -> None:
@@ -288,8 +294,8 @@ class Performance:
         if left:
             why = ", ".join(self._names[index] for index in left)
             self._stop(now)
-            do = "does" if len(left) == 1 else "do"
-            self._tell(f"{why} {do} not follow the plan any more: the others stand still in {self._until - now:.1f} s")
+            do = f"{'does' if len(left) == 1 else 'do'} not follow {self._called} any more"
+            self._tell(f"{why} {do}: the others stand still in {self._until - now:.1f} s")
         elif outside and now - self._outside >= _OUTSIDE:
             why = ", ".join(self._names[index] for index in outside)
             self._stop(now)
@@ -311,7 +317,7 @@ class Performance:
             self._land()
             return
         self.phase = PlanPhase.PAUSED
-        self._tell("the plan is paused: all stand still")
+        self._tell(f"{self._called} is paused: all stand still")
 
     def _land(self) -> None:
         self.phase, self._pending = PlanPhase.ABORTED, []

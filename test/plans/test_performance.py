@@ -263,6 +263,10 @@ def test_drones_that_have_to_change_places_first_do_so_by_a_plan() -> None:
     assert lab.fleet.bodies.position[:2, 2] == pytest.approx(0.5, abs=0.02)  # where they have climbed to
     lab.least = np.inf
     lab.fly_until(PlanPhase.FLYING)
+    lab.fly(0.1)
+    # whoever reads when the plan begins does not take the way to its places for it
+    flown = [text.partition(" is flown from")[0] for text in lab.told if " is flown from" in text]
+    assert flown == ["the way to the places", "the plan"]
     assert lab.off(STARTS) < 0.03
     assert lab.least > 2 * 0.12
 
