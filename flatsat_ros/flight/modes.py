@@ -70,6 +70,7 @@ class Situation:
         rearmed: a person armed it.
         grounded: it was unlocked and has not left the ground yet.
         linked: somebody takes its commands, as far as is known.
+        taken: s for which somebody has taken the commands of the mode without a break, ten at least.
         resting: it was taken over, wherever that was, and has not moved at all since.
     """
 
@@ -89,6 +90,7 @@ class Situation:
     rearmed: bool = False
     grounded: bool = False
     linked: bool = True
+    taken: float = 0.0
     resting: bool = False
 
     @property
@@ -98,8 +100,8 @@ class Situation:
 
     @property
     def unlocked(self) -> bool:
-        """The mode has lasted for `unlock_time`."""
-        return self.elapsed >= self.policy.unlock_time
+        """Somebody has taken its zero thrust for `unlock_time`, and ten times at least."""
+        return self.taken >= self.policy.unlock_time
 
     @property
     def waited(self) -> bool:
@@ -130,7 +132,7 @@ class Event(Enum):
     START_AGAIN = "a new reference is there"
     ARMED = "armed on the ground"
     NOTHING_TO_DO = "nothing to fly"
-    UNHEARD = "the take-off is given up: nobody takes its commands"
+    UNHEARD = "given up: nobody takes its commands"
     TAKE_OFF_LOST = "the take-off is given up: no usable pose"
     UNLOCKED_TO_FLY = "the thrust lock is open"
     UNLOCKED = "the thrust lock is open, for others to fly"
@@ -161,7 +163,7 @@ CONDITIONS: dict[Event, tuple[str, ...]] = {
     Event.TAKE_OFF_LOST: ("not usable", "waited"),
     Event.UNHEARD: ("not linked", "waited"),
     Event.UNLOCKED_TO_FLY: ("usable", "requested", "unlocked", "linked"),
-    Event.UNLOCKED: ("not requested", "unlocked"),
+    Event.UNLOCKED: ("not requested", "unlocked", "linked"),
     Event.POSE_LOST: ("not usable",),
     Event.POSE_LOST_GROUNDED: ("not usable", "grounded"),
     Event.POSE_BACK: ("usable",),

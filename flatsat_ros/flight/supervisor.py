@@ -21,6 +21,8 @@ _ON_THE_GROUND = (Mode.IDLE, Mode.UNLOCK, Mode.CUT, Mode.REST, Mode.FALLEN)
 _FORGOTTEN = 0.2
 # so many flights begin at one tick: each needs a path, whose computing takes a tenth of a period
 _STARTS = 4
+# So many set-points of zero thrust open a lock, or more: where one of five is lost, one lock in ten million stays closed.
+UNLOCKING_ZEROS = 10
 # poses are steady when all have been usable for this long, s
 _STEADY_TIME = 0.5
 
@@ -73,6 +75,8 @@ class Supervisor:
         self._policy = policy
         self._since = np.full(count, -np.inf)
         self.requested = np.zeros(count, dtype=bool)
+        # s, and how many by now: zeros that somebody took in a row, of drones in UNLOCK
+        self._taken_since, self._taken = np.full(count, np.inf), np.zeros(count, dtype=int)
         self._blind = np.zeros(count)  # see Situation, at the beginning of the mode, s
         self._usable_since = np.full(count, np.inf)  # of drones without poses
         self._patient = np.zeros(count, dtype=bool)  # it waits for poses that are lost; a take-off by service does not
@@ -163,7 +167,8 @@ class Supervisor:
     def set_clock_back(self, now: float) -> None:
         """Let no mode last longer because the clock was set back to now, s."""
         self._since = np.minimum(self._since, now)
-        self._usable_since = np.where(np.isfinite(self._usable_since), np.minimum(self._usable_since, now), np.inf)
+        for since in (self._usable_since, self._taken_since):
+            since[:] = np.where(np.isfinite(since), np.minimum(since, now), np.inf)
 
     def advance(self, now: float, sight: Sight) -> tuple[Transition, ...]:
         """Take the modes to time now, s; return the transitions since the last call.
@@ -198,6 +203,7 @@ class Supervisor:
                 rearmed=bool(self._rearmed[index]),
                 grounded=bool(sight.grounded[index]),
                 linked=bool(self.linked[index]),
+                taken=self._take(index, now) if before is Mode.UNLOCK else 0.0,
                 resting=bool(sight.resting[index]),
             )
             after, event = next_mode(before, situation)
@@ -209,6 +215,15 @@ class Supervisor:
                 self._enter(index, event, after, now)
                 made.append(Transition(index, before, after, event.value))
         return tuple(made)
+
+    def _take(self, index: int, now: float) -> float:
+        """Return `Situation.taken` of drone index, which is in UNLOCK, and count the zero of this tick."""
+        if not self.linked[index]:
+            self._taken_since[index], self._taken[index] = np.inf, 0
+            return 0.0
+        since = self._taken_since[index] = min(now, self._taken_since[index])
+        self._taken[index] += 1
+        return now - float(since) if self._taken[index] > UNLOCKING_ZEROS else 0.0
 
     def _sort(self) -> None:
         self.flying = self.mode == _FLY
@@ -225,6 +240,7 @@ class Supervisor:
         elif after is Mode.LEVEL:
             self._blind[index] = max(0.0, float(self._blind[index]) - _FORGOTTEN * elapsed)
         self.mode[index], self._since[index] = after.value, now
+        self._taken_since[index], self._taken[index] = now, 1  # the first goes out now; if to nobody, that is noted next
         self._sort()
         if after in (Mode.CUT, Mode.REST, Mode.FALLEN):
             self.requested[index] = self._rearmed[index] = False

@@ -6,6 +6,7 @@ drone's messages or commands break ends with that drone; if the common step brea
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -19,6 +20,7 @@ from flatsat_ros.flight.clearance import Cause
 from flatsat_ros.flight.modes import AIRBORNE, Mode, Transition
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.stamps import StampClock
+from flatsat_ros.flight.supervisor import UNLOCKING_ZEROS
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.backends import Backends
@@ -165,12 +167,16 @@ class ControllerNode(ProgramNode):
         asked = self._links[index].arm(wanted)
         if not self._pilot.is_opening(index):
             return asked
-        return f"{asked}; the thrust lock opens: let others fly the drone after {self._unlock_time():.2f} s"
+        seconds = self._commands.matching(index, self._stamps.now) + self._unlock_time()
+        if seconds == math.inf:
+            return f"{asked}; the thrust lock opens once somebody takes the commands of {self.robots[index]}"
+        return f"{asked}; the thrust lock opens: let others fly the drone after {seconds:.2f} s"
 
     def _unlock_time(self) -> float:
         """Return how long it takes until others may fly a drone that is armed, s."""
         # zero thrust from the next tick on, the tick after it, the notice that no more follows
-        return self._setup.policy.unlock_time + 2.0 * self._certificate.period + SETTLING_TIME
+        zeros = max(self._setup.policy.unlock_time, UNLOCKING_ZEROS * self._certificate.period)
+        return zeros + 2.0 * self._certificate.period + SETTLING_TIME
 
     def _hand_over(self, index: int) -> None:
         """Fall silent about a drone, and let it stay where it is if its link has a way to.
@@ -242,7 +248,7 @@ class ControllerNode(ProgramNode):
                 self._log.report(self.robots[drone], text)
         with self.faults.contain("links"):
             for index in map(int, np.flatnonzero(self._pilot.mode == Mode.UNLOCK.value)):
-                self._pilot.note_link(index, self._commands.is_taken(index))
+                self._pilot.note_link(index, self._commands.matching(index, self._stamps.now) == 0.0)
         tick = self._step()
         for index in range(len(self.robots)):
             self._commands.send(index, _silent if tick is None else tick.command)
@@ -297,6 +303,8 @@ class ControllerNode(ProgramNode):
             with self.faults.contain(f"{robot}/services"):
                 self._links[index].find_services(offered)
                 self._backends.look(index)
+            with self.faults.contain(f"{robot}/command"):
+                self._commands.matching(index, self._stamps.now)
         with self.faults.contain("pose sources"):
             self._sources.look()
             self._others.look()

@@ -27,7 +27,7 @@ def test_a_drone_without_reference_or_without_poses_is_left_alone() -> None:
     world.pilot.set_reference(0, Trajectory.hold(GOAL))
     assert modes(world.fly(2.0)) == [Mode.IDLE]
     world.blind[:] = False
-    assert modes(world.fly(1.0))[-1] is Mode.FLY
+    assert modes(world.fly(1.5))[-1] is Mode.FLY
 
 
 def test_a_drone_whose_orientation_is_not_seen_is_not_turned_and_lands_unless_its_yaw_is_assumed() -> None:

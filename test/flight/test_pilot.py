@@ -93,7 +93,7 @@ def test_gains_rest_while_a_drone_is_not_flying_and_start_anew_after_a_cut() -> 
     assert gain <= resting[0] < gain + 0.1
     world.blind[:] = False
     world.pilot.set_reference(0, Trajectory.hold([0.0, 0.0, 0.1]))
-    ticks = world.fly(0.7)
+    ticks = world.fly(1.5)
     assert next(tick.output.gain[0] for tick in ticks if tick.mode[0] == Mode.FLY) == 1.0
 
 

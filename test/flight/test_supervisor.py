@@ -32,7 +32,8 @@ ROWS = {
         ("requested -usable late", Mode.IDLE),
         ("requested usable late -linked", Mode.IDLE),
         ("requested usable over linked", Mode.FLY),
-        ("-requested unlocking usable over", Mode.IDLE),
+        ("-requested unlocking usable late -linked", Mode.IDLE),
+        ("-requested unlocking usable over linked", Mode.IDLE),
     ],
     Mode.FLY: [
         ("-usable grounded", Mode.UNLOCK),
@@ -56,7 +57,7 @@ ROWS = {
     Mode.REST: [("over", Mode.IDLE)],
     Mode.FALLEN: [("rearmed", Mode.IDLE)],
 }
-FLAGS = [field.name for field in fields(Situation) if field.name not in ("elapsed", "policy", "blind")]
+FLAGS = [field.name for field in fields(Situation) if field.name not in ("elapsed", "policy", "blind", "taken")]
 DURATION = {Mode.UNLOCK: POLICY.unlock_time, Mode.LEVEL: POLICY.level_time, Mode.REST: POLICY.rest_time}
 
 
@@ -81,7 +82,7 @@ def test_every_transition_is_that_of_the_rows_in_every_situation(mode: Mode) -> 
         flags = dict.fromkeys(FLAGS, others) | dict(zip(named, values, strict=True))
         for elapsed in (0.0, math.nextafter(limit, 0.0), limit, limit + 60.0):
             times = {"over": elapsed >= limit, "late": elapsed >= limit + 5.0, "tried": elapsed >= 1.5}
-            after, event = next_mode(mode, Situation(elapsed, POLICY, **flags))
+            after, event = next_mode(mode, Situation(elapsed, POLICY, taken=elapsed, **flags))
             assert after is expected(mode, flags | times), (mode, flags, elapsed)
             assert (event is None) == (after is mode)
 
@@ -139,7 +140,7 @@ def test_in_no_history_a_drone_is_steered_blindly_or_its_motors_start_unasked(ev
     for dt, *values in events:
         flags = dict(zip(FLAGS, values, strict=True))
         requested = flags["requested"] = requested or flags["requested"]
-        after, _ = next_mode(mode, Situation(elapsed, POLICY, **flags))
+        after, _ = next_mode(mode, Situation(elapsed, POLICY, taken=elapsed, **flags))
         if after is Mode.FLY:
             assert flags["usable"] or mode is Mode.FLY
             assert requested

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pilot_world import CERTIFICATE, GOAL, POLICY, World, airborne, modes
@@ -16,11 +18,11 @@ def test_arming_on_the_ground_opens_the_thrust_lock_and_is_silent_again() -> Non
     world = World()
     world.fly(0.5)
     world.pilot.arm(0, True)
-    ticks = world.fly(1.0)
+    ticks = world.fly(1.5)
     assert modes(ticks) == [Mode.UNLOCK, Mode.IDLE]
     assert not np.array([tick.input for tick in ticks]).any()
     world.pilot.set_reference(0, Trajectory.hold(GOAL))
-    assert modes(world.fly(1.0)) == [Mode.UNLOCK, Mode.FLY]
+    assert modes(world.fly(1.5)) == [Mode.UNLOCK, Mode.FLY]
 
 
 def test_arming_never_commands_a_drone_in_the_air_or_one_that_is_not_seen() -> None:
@@ -145,8 +147,50 @@ def test_a_drone_whose_commands_nobody_takes_waits_with_its_take_off() -> None:
     assert modes(world.fly(4.0)) == [Mode.UNLOCK]
     world.pilot.note_link(0, True)
     world.held = False
-    assert modes(world.fly(12.0)) == [Mode.FLY]
+    ticks = world.fly(12.0)
+    assert modes(ticks) == [Mode.UNLOCK, Mode.FLY]
     assert np.linalg.norm(world.x[0, :3] - GOAL) < 0.01
+    assert sum(tick.mode[0] == Mode.UNLOCK for tick in ticks) == 10, "what nobody took opens no lock"
+
+
+@pytest.mark.parametrize("armed", [False, True])
+def test_a_drone_whose_commands_are_taken_now_and_then_gets_enough_zeros_in_a_row(armed: bool) -> None:
+    world = World()
+    world.fly(0.5)
+    world.pilot.note_link(0, False)
+    if armed:
+        world.pilot.arm(0, True)
+    else:
+        world.pilot.take_off(0, 0.5)
+    world.fly(0.5)
+    for _ in range(3):
+        world.pilot.note_link(0, True)
+        assert modes(world.fly(9 * CERTIFICATE.period)) == [Mode.UNLOCK]
+        world.pilot.note_link(0, False)
+        assert modes(world.fly(0.1)) == [Mode.UNLOCK]
+    world.pilot.note_link(0, True)
+    assert modes(world.fly(1.5)) == [Mode.UNLOCK, Mode.IDLE if armed else Mode.FLY]
+
+
+def test_a_drone_that_is_armed_while_nobody_takes_its_commands_is_not_called_unlocked() -> None:
+    world = World()
+    world.fly(0.5)
+    world.pilot.note_link(0, False)
+    world.pilot.arm(0, True)
+    ticks = world.fly(7.0)
+    assert modes(ticks) == [Mode.UNLOCK, Mode.IDLE]
+    assert "nobody takes" in next(made.reason for tick in ticks for made in tick.transitions if made.after is Mode.IDLE)
+
+
+@pytest.mark.parametrize("unlock_time", [0.01, 0.3])
+def test_a_slow_controller_sends_ten_zeros_before_it_takes_off(unlock_time: float) -> None:
+    world = World(policy=replace(POLICY, unlock_time=unlock_time))
+    world.fly(0.5)
+    world.pilot.take_off(0, 0.5)
+    ticks = world.fly(3.0)
+    assert modes(ticks) == [Mode.UNLOCK, Mode.FLY]
+    # of 20 % lost packets, one take-off in ten million
+    assert sum(tick.mode[0] == Mode.UNLOCK for tick in ticks) >= 10
 
 
 def test_a_take_off_is_given_up_if_nobody_takes_its_commands_for_seconds() -> None:
@@ -192,7 +236,7 @@ def test_a_drone_that_was_unlocked_high_up_and_is_off_its_place_is_never_cut(goa
     world.blind[:] = False
     assert modes(world.fly(1.0))[-1] is Mode.CUT
     world.pilot.set_reference(0, Trajectory.hold([0.0, 0.0, goal]))
-    assert modes(world.fly(0.3))[-1] is Mode.UNLOCK
+    assert modes(world.fly(1.0))[-1] is Mode.UNLOCK
     world.held = False
     world.missing = 0.7  # m/s^2: it asks for more all the time
     ticks = world.fly(15.0)
