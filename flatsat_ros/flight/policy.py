@@ -37,7 +37,7 @@ class Policy:
     Attributes:
         pose_timeout: age, s, above which a pose is stale and the drone is levelled; at most estimator.PREDICTION_MAX.
         level_time: s without poses in which the drone is held level before it sinks without position.
-        unlock_time: s of zero thrust that open the firmware's thrust lock before take-off.
+        unlock_time: s of zero thrust that open the firmware's thrust lock before take-off; ten set-points at least.
         lift_off_time: s of a commanded climb after which a drone that is not seen to leave the ground sinks, in case
             that it has, and its motors are stopped; after less time if it is commanded as much as lifts any.
         rest_time: s of zero thrust after touch-down; the firmware needs more than 1.8 s.

@@ -21,7 +21,7 @@ _ON_THE_GROUND = (Mode.IDLE, Mode.UNLOCK, Mode.CUT, Mode.REST, Mode.FALLEN)
 _FORGOTTEN = 0.2
 # so many flights begin at one tick: each needs a path, whose computing takes a tenth of a period
 _STARTS = 4
-# So many set-points of zero thrust open a lock, or more: where one of five is lost, one lock in ten million stays closed.
+# So many zeros, at least, open a lock: where one of five is lost on the way, one lock in ten million stays closed.
 UNLOCKING_ZEROS = 10
 # poses are steady when all have been usable for this long, s
 _STEADY_TIME = 0.5
@@ -240,7 +240,7 @@ class Supervisor:
         elif after is Mode.LEVEL:
             self._blind[index] = max(0.0, float(self._blind[index]) - _FORGOTTEN * elapsed)
         self.mode[index], self._since[index] = after.value, now
-        self._taken_since[index], self._taken[index] = now, 1  # the first goes out now; if to nobody, that is noted next
+        self._taken_since[index], self._taken[index] = now, 1  # unless nobody takes it, as is noted next
         self._sort()
         if after in (Mode.CUT, Mode.REST, Mode.FALLEN):
             self.requested[index] = self._rearmed[index] = False

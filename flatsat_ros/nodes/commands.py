@@ -73,7 +73,7 @@ class Commands:
                 self._publish(index, last)
 
     def matching(self, index: int, now: float) -> float:
-        """Look, at time now, s, whether somebody takes a drone's commands; return the s until they arrive, inf for nobody."""
+        """Look at time now, s, whether somebody takes a drone's commands; return in how many s they arrive, or inf."""
         if self._publishers[index].get_subscription_count() == 0:
             self._taken_since[index] = math.inf
             return math.inf

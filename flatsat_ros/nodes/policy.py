@@ -16,7 +16,7 @@ from flatsat_ros.nodes.ros.parameters import declare, declare_choice
 _FIGURES = (
     ("pose_timeout", "age above which a pose is stale", "s", Policy.pose_timeout, (0.01, PREDICTION_MAX)),
     ("level_time", "held level without poses before it sinks without position", "s", Policy.level_time, (0.1, 5.0)),
-    ("unlock_time", "zero thrust before take-off, which opens the lock", "s", Policy.unlock_time, (0.01, 10.0)),
+    ("unlock_time", "zero thrust before take-off, ten set-points at least", "s", Policy.unlock_time, (0.01, 10.0)),
     ("lift_off_time", "commanded climb on the ground that is no take-off", "s", Policy.lift_off_time, (0.5, 600.0)),
     ("speed_max", "largest speed of paths to goals, level and upright", "m/s", Policy.speed_max, (0.05, 10.0)),
     ("floor", "height of the floor", "m", Policy.floor, (-1e3, 1e3)),

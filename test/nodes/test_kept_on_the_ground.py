@@ -68,6 +68,46 @@ def test_a_take_off_that_ends_before_it_begins_is_told_as_an_error(
     assert "the take-off is given up: no usable pose" in lines[1]
 
 
+@pytest.mark.parametrize("taken_after", [0.0, 0.1, 0.29, 2.0])
+def test_a_drone_whose_commands_arrive_a_while_after_somebody_takes_them_is_unlocked_and_takes_off(
+    room: Callable[..., Room], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], taken_after: float
+) -> None:
+    """Who takes commands learns of their sender later than the sender of it: what is sent between is lost."""
+    lab = room()
+    lab.run(0.5)
+    link = {"taken": False, "heard": False}
+    wire = lab.wires[0]
+    monkeypatch.setattr(wire, "get_subscription_count", lambda: int(link["taken"]))
+    take = wire._take
+    monkeypatch.setattr(wire, "_take", lambda setpoint: take(setpoint) if link["heard"] else None)
+    assert lab.ask("cf1/flatsat/takeoff").success
+    lab.run(taken_after)
+    link["taken"] = True
+    lab.run(0.4)
+    link["heard"] = True
+    lab.run(6.0)
+    assert lab.fleet.bodies.position[0, 2] > 0.3
+    assert [line.split(": ")[2] for line in transitions(capfd)] == ["IDLE -> UNLOCK", "UNLOCK -> FLY"]
+
+
+def test_who_arms_a_drone_is_told_when_others_may_fly_it(
+    room: Callable[..., Room], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lab = room()
+    lab.run(0.5)
+    subscribers = [0]
+    monkeypatch.setattr(lab.wires[0], "get_subscription_count", lambda: subscribers[0])
+    told = lab.ask("cf1/flatsat/arm", SetBool, data=True).message
+    assert told.endswith("the thrust lock opens once somebody takes the commands of cf1"), told
+    subscribers[0] = 1
+    told = lab.ask("cf1/flatsat/arm", SetBool, data=True).message
+    assert "let others fly the drone after" in told
+    seconds = float(told.split(" after ")[1].split()[0])
+    lab.run(seconds)
+    assert lab.modes[0] is Mode.IDLE
+    assert not lab.fleet.firmware.thrust_locked[0]
+
+
 def test_while_another_sends_set_points_or_poses_no_drone_takes_off(
     room: Callable[..., Room], capfd: pytest.CaptureFixture[str]
 ) -> None:
