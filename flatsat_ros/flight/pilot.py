@@ -201,6 +201,10 @@ class Pilot:
         """Note whether drone index is linked: until somebody takes its commands, its thrust lock cannot be opened."""
         self._parts.supervisor.linked[index] = linked
 
+    def is_seen(self, index: int) -> bool:
+        """Tell whether the place of drone index is known."""
+        return bool(self._step.usable[index])
+
     def is_opening(self, index: int) -> bool:
         """Tell whether drone index was armed on the ground and its thrust lock is about to be opened."""
         return bool(self._parts.supervisor.unlocking[index])

@@ -164,13 +164,15 @@ class ControllerNode(ProgramNode):
     def _arm(self, index: int, wanted: bool) -> str:
         """Allow or forbid take-off, and arm or disarm the drone itself; return what happens now."""
         self._pilot.arm(index, wanted)
-        asked = self._links[index].arm(wanted)
-        if not self._pilot.is_opening(index):
-            return asked
+        told = self._links[index].arm(wanted)
         seconds = self._commands.matching(index, self._stamps.now) + self._unlock_time()
-        if seconds == math.inf:
-            return f"{asked}; the thrust lock opens once somebody takes the commands of {self.robots[index]}"
-        return f"{asked}; the thrust lock opens: let others fly the drone after {seconds:.2f} s"
+        if self._pilot.is_opening(index) and seconds == math.inf:
+            told += f"; the thrust lock opens once somebody takes the commands of {self.robots[index]}"
+        elif self._pilot.is_opening(index):
+            told += f"; the thrust lock opens: let others fly the drone after {seconds:.2f} s"
+        elif wanted and self._pilot.mode[index] == Mode.IDLE and not self._pilot.is_seen(index):
+            told += "; its place is not known: once it is, arm it again to open its thrust lock"
+        return told
 
     def _unlock_time(self) -> float:
         """Return how long it takes until others may fly a drone that is armed, s."""

@@ -94,6 +94,11 @@ def test_who_arms_a_drone_is_told_when_others_may_fly_it(
     room: Callable[..., Room], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lab = room()
+    lab.blind = {0}
+    lab.run(0.5)
+    told = [lab.ask(f"cf{number}/flatsat/arm", SetBool, data=True).message for number in (1, 2)]
+    assert ["its place is not known: once it is, arm it again" in text for text in told] == [True, False], told
+    lab.blind = set()
     lab.run(0.5)
     subscribers = [0]
     monkeypatch.setattr(lab.wires[0], "get_subscription_count", lambda: subscribers[0])
