@@ -362,7 +362,7 @@ def test_a_drone_taken_over_in_the_air_neither_drops_nor_leaps() -> None:
 def test_a_drone_that_is_locked_again_after_its_unlocking_stays_on_the_ground_until_it_is_armed() -> None:
     flight = Flight()
     flight.pilot.take_off(0, 0.6)
-    flight.let_pass(0.5)
+    flight.let_pass(1.2)
     flight.fleet.reboot(0)  # as if the zeros had gone unheard
     flight.let_pass(25.0)
     assert flight.height == 0.0
