@@ -43,6 +43,8 @@ _CRUISE = 0.8
 
 # a turn is led through rest if otherwise it would be wider than braking takes by more than this, m
 _WIDER = 0.1
+# and a wall may be exceeded by this, m, if otherwise a path would lead so much farther astray
+_BRUSHED = 0.05
 
 # durations that are tried, s
 _DURATIONS = 0.2 * 1.1 ** np.arange(90.0)
@@ -213,12 +215,18 @@ def _change(motion: FloatArray, goal: FloatArray, limits: PathLimits, asked: Dem
     places = p0 + BERNSTEIN[6][:, 1:] @ travelled
     beyond = np.maximum(walls.low - places, places - walls.high)
     beyond -= np.maximum(np.maximum(walls.low - p0, p0 - walls.high), 0.0)
-    excess += np.maximum(beyond, 0.0).max(axis=(1, 2))
+    outside = np.maximum(beyond, 0.0).max(axis=(1, 2))
 
     # where none keeps all limits, none shall make a detour instead
-    ends = np.where(np.isnan(goal), np.nan, np.stack([np.minimum(p0, goal), np.maximum(p0, goal)]))
-    detour = np.nan_to_num(np.maximum(ends[0] - places, places - ends[1])).max(axis=(1, 2))
-    best = _first(excess, excess + np.maximum(detour, 0.0))
+    off = np.maximum(np.fmin(p0, goal) - places, places - np.fmax(p0, goal))
+    detour = np.where(np.isnan(goal), 0.0, off).max(axis=(1, 2))
+    best = _first(excess + outside, excess + outside + np.maximum(detour, 0.0))
+    if outside.any():
+        brushing = _first(excess + np.maximum(outside - _BRUSHED, 0.0), excess + outside)
+        astray = off.max(axis=(1, 2))
+        if astray[best] > astray[brushing] + _WIDER:
+            best = brushing
+    excess += outside
     duration, pace = float(_DURATIONS[best]), float(speed[best])
     cruise_time = (float(distance[best]) - pace * duration) / pace if pace > 0.0 else 0.0
     return _Change(float(excess[best]), motion, duration, cruise[best], cruise_time)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from flatsat_ros.base.constants import GRAVITY
@@ -103,6 +103,7 @@ def test_the_limits_leave_half_of_the_inner_radius_in_every_direction(thrust: fl
         assert limits.margin(v).min() >= 0.5 * limits.inner_radius - 1e-9
 
 
+@example(height=0.03125, sinking=0.1875, pushed=0.5, goal=1.0)  # 8 s of braking, 2.6 m up
 @given(height=st.floats(0.02, 1.0), sinking=st.floats(0.0, 0.5), pushed=st.floats(-0.8, 0.8), goal=st.floats(0.5, 1.5))
 def test_too_near_to_the_floor_to_brake_in_time_makes_no_detour(
     height: float, sinking: float, pushed: float, goal: float
