@@ -30,7 +30,7 @@ from flatsat_ros.falsification.faults.accepted import (
 )
 from flatsat_ros.falsification.faults.criteria import Criteria, DroneOutcome, End, Remark, broken
 from flatsat_ros.falsification.faults.live_table import LIVE_FAULTS
-from flatsat_ros.falsification.faults.page import bounds_of, cell, page
+from flatsat_ros.falsification.faults.page import bounds_of, cell, history, page
 from flatsat_ros.falsification.faults.phases import PLANS, Phase
 from flatsat_ros.falsification.faults.record import Record, distance_to_path
 from flatsat_ros.falsification.faults.rows import Row, fly_row, load, merged, replay, save
@@ -188,6 +188,8 @@ def test_a_flight_is_accepted_in_listed_phases_as_long_as_it_keeps_the_bounds_th
 def test_a_flight_without_a_fault_passes_and_comes_out_the_same_in_another_process() -> None:
     here, scene = replay("nothing", Phase.TAKE_OFF)
     assert here.passed, here.broken
+    end = history(replace(here, impact_m_s=None), scene).splitlines()[-1]
+    assert end == f"passed: impact - m/s, distance {here.distance_m:.2f} m, separation {here.separation_m:.2f} m"
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
         assert executor.submit(fly_row, "nothing", Phase.TAKE_OFF).result() == here
     assert (replay("nothing", Phase.TAKE_OFF, seed=2)[1].place != scene.place).any()

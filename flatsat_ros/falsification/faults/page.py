@@ -171,7 +171,9 @@ def history(row: Row, scene: Scene) -> str:
             command = "" if sent is None else f"{sent.roll:7.2f}{sent.pitch:7.2f}    {sent.thrust:7.0f}"
             lines.append(f"{moment.time:7.2f} {drone:>5} {Mode(int(mode)).name:<7}{figures}{command}")
     lines += map(_said, remarks)
-    lines.append(f"impact {row.impact_m_s} m/s, distance {row.distance_m} m, separation {row.separation_m} m")
+    verdict = "passed" if row.passed else "accepted" if row.accepted else "FAILED"
+    figures = [_figure(value) for value in (row.impact_m_s, row.distance_m, row.separation_m)]
+    lines.append(f"{verdict}: impact {figures[0]} m/s, distance {figures[1]} m, separation {figures[2]} m")
     return "\n".join(lines + [f"BROKEN: {problem}" for problem in row.broken])
 
 
