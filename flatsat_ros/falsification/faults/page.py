@@ -172,8 +172,8 @@ def history(row: Row, scene: Scene) -> str:
             lines.append(f"{moment.time:7.2f} {drone:>5} {Mode(int(mode)).name:<7}{figures}{command}")
     lines += map(_said, remarks)
     verdict = "passed" if row.passed else "accepted" if row.accepted else "FAILED"
-    figures = [_figure(value) for value in (row.impact_m_s, row.distance_m, row.separation_m)]
-    lines.append(f"{verdict}: impact {figures[0]} m/s, distance {figures[1]} m, separation {figures[2]} m")
+    impact, distance, separation = map(_figure, (row.impact_m_s, row.distance_m, row.separation_m))
+    lines.append(f"{verdict}: impact {impact} m/s, distance {distance} m, separation {separation} m")
     return "\n".join(lines + [f"BROKEN: {problem}" for problem in row.broken])
 
 
