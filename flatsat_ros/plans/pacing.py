@@ -40,6 +40,8 @@ def braked(reference: Trajectory, begin: float, duration: float) -> Trajectory:
 
     It has then made half as much progress as it would have, at full pace, since the beginning.
     """
+    if begin >= reference.times[-1]:
+        return reference
     slowing = _paced(reference, begin, begin, duration, stops=True)
     if begin <= reference.times[0]:
         return slowing

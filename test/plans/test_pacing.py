@@ -49,6 +49,17 @@ def test_a_braked_reference_stays_on_its_way(reference: Trajectory, at: float, d
     assert slowed.end == pytest.approx(reference.sample(begin + duration / 2.0)[:3], abs=NANOMETRE)
 
 
+@given(references(), st.floats(0.0, 2.0), st.floats(1.0, 4.0))
+@settings(max_examples=10)
+def test_a_reference_that_has_ended_stays_there_when_it_is_braked(
+    reference: Trajectory, late: float, duration: float
+) -> None:
+    begin = START + LENGTH + late
+    slowed = braked(reference, begin, duration)
+    for time in (*slowed.times, *np.linspace(START, begin + duration + 1.0, 200)):
+        assert slowed.sample(time) == pytest.approx(reference.sample(time), abs=NANOMETRE)
+
+
 @given(references(), st.floats(-1.0, LENGTH + 1.0), st.floats(1.0, 4.0), st.floats(0.0, 50.0))
 @settings(max_examples=25)
 def test_a_resumed_reference_goes_on_as_if_it_had_begun_later(

@@ -133,6 +133,22 @@ def test_a_pause_ends_on_the_way_at_the_same_progress(flown: Lab) -> None:
     assert 2.5 < progress[best] < 6.0
 
 
+@pytest.mark.parametrize("left", [0.02, 0.2, 0.34])
+def test_a_pause_in_the_last_moment_of_a_plan_lets_all_stand_at_their_ends(left: float) -> None:
+    lab = Lab()
+    lab.performance.start(lab.now)
+    lab.fly_until(PlanPhase.FLYING)
+    lab.fly(20.0, lambda: lab.performance._until - lab.now <= left)
+    lab.performance.pause(lab.now)
+    lab.fly_until(PlanPhase.PAUSED)
+    lab.fly(3.0)
+    assert lab.off([STARTS[1], STARTS[0]]) < 0.05
+    assert lab.least > 0.5
+    lab.performance.resume(lab.now)
+    lab.fly_until(PlanPhase.FLOWN)
+    assert lab.off([STARTS[1], STARTS[0]]) < 0.05
+
+
 def test_laps_are_flown_and_end_where_they_began() -> None:
     angles = 2 * np.pi * np.arange(12) / 12
     way = np.stack([0.8 - 0.8 * np.cos(angles), 0.8 * np.sin(angles), np.ones(12)], axis=1)
