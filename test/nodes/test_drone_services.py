@@ -60,4 +60,5 @@ def test_a_controller_alone_says_that_it_could_not_ask_the_drone(lab: Lab) -> No
     lab.fly("cf1")
     answer = lab.ask(SetBool, interfaces.service_of("cf1", interfaces.ARM), data=True)
     assert answer.success
-    assert answer.message == "cf1: the drone itself was not asked: no service cf1/arm"
+    told = "its place is not known: once it is, arm it again to open its thrust lock"
+    assert answer.message == f"cf1: the drone itself was not asked: no service cf1/arm; {told}"
