@@ -172,8 +172,14 @@ def history(row: Row, scene: Scene) -> str:
             lines.append(f"{moment.time:7.2f} {drone:>5} {Mode(int(mode)).name:<7}{figures}{command}")
     lines += map(_said, remarks)
     verdict = "passed" if row.passed else "accepted" if row.accepted else "FAILED"
-    impact, distance, separation = map(_figure, (row.impact_m_s, row.distance_m, row.separation_m))
-    lines.append(f"{verdict}: impact {impact} m/s, distance {distance} m, separation {separation} m")
+    came_to = (
+        ("impact", row.impact_m_s, "m/s"),
+        ("distance", row.distance_m, "m"),
+        ("separation", row.separation_m, "m"),
+    )
+    # to the digits of the table
+    told = (f"{name} -" if value is None else f"{name} {value} {unit}" for name, value, unit in came_to)
+    lines.append(f"{verdict}: {', '.join(told)}")
     return "\n".join(lines + [f"BROKEN: {problem}" for problem in row.broken])
 
 
