@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 # everything of the demo lives below this name, so that it never speaks to a drone of the user's
 NAMESPACE = "/demo"
 BAG = "bag"  # in the folder of the results
+_LOGS = "log"  # there, too
 _DISCOVERY = 30.0  # s, until all nodes must have found each other
 _NAMED = 6  # of what is missing then; forty drones have hundreds of topics and services
 _LISTENING = 1.0  # s, in which another demo would be noticed
@@ -77,11 +78,11 @@ def fly(scenario: Scenario, folder: Path, *, console: bool = False) -> FlightRec
         commands = commands_of(scenario, NAMESPACE)
         if console:
             commands["console"] = command_of("console", NAMESPACE, {"port": "0"})
-        with running(commands, folder / "log") as nodes:
-            stage = Live(conductor, nodes, planned=scenario.plan is not None)
+        with running(commands, folder / _LOGS) as nodes:
+            stage = Live(conductor, nodes, folder / _LOGS, planned=scenario.plan is not None)
             stage.wait_for_nodes()
             if console:
-                stage.show(folder / "log" / "console.log")
+                stage.show(folder / _LOGS / "console.log")
             start = perform(scenario, stage)
         write_bag(folder / BAG, conductor.recorded)
         robots = {
@@ -113,12 +114,12 @@ def _listen_for_others(conductor: Conductor) -> None:
 class Live(Stage):
     """The nodes, asked and heard through the conductor; a step lets messages come in, and all nodes must live."""
 
-    def __init__(self, conductor: Conductor, nodes: Nodes, *, planned: bool = False) -> None:
-        """Ask and hear the nodes; if planned, the controller has a plan to be started."""
+    def __init__(self, conductor: Conductor, nodes: Nodes, logs: Path, *, planned: bool = False) -> None:
+        """Ask and hear the nodes, whose logs are in a folder; if planned, the controller has a plan to be started."""
         super().__init__()
         self._planned = planned
         self._conductor = conductor
-        self._nodes = nodes
+        self._nodes, self._logs = nodes, logs
 
     def now(self) -> float:
         """Return the time of a clock that nobody sets, s."""
@@ -131,7 +132,7 @@ class Live(Stage):
             FlatsatError: a node died.
         """
         self._conductor.spin(SLICE)
-        require_alive(self._nodes)
+        require_alive(self._nodes, self._logs)
 
     def wait_for_nodes(self) -> None:
         """Wait until all nodes have found each other.

@@ -116,15 +116,16 @@ def running(commands: Mapping[str, list[str]], logs: Path) -> Iterator[Nodes]:
         raise FlatsatError(f"{', '.join(unclean)} did not end cleanly; see {logs}")
 
 
-def require_alive(nodes: Nodes) -> None:
-    """Refuse to go on without one of the processes.
+def require_alive(nodes: Nodes, logs: Path) -> None:
+    """Refuse to go on without one of the processes, whose logs are in a folder.
 
     Raises:
         FlatsatError: one has ended.
     """
     for name, process in nodes.items():
         if process.poll() is not None:
-            raise FlatsatError(f"node {name} died in flight with exit code {process.returncode}; see its log")
+            log = logs / f"{name}.log"
+            raise FlatsatError(f"node {name} died in flight with exit code {process.returncode}; see {log}")
 
 
 def end(nodes: Nodes) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import os
+import re
 import signal
 import subprocess
 import time
@@ -114,7 +115,8 @@ def test_a_node_that_dies_in_flight_fails_the_demo_and_leaves_no_process(
     os.kill(dict(nodes)["flatsat_ros.nodes.sim_drone"], signal.SIGKILL)
     _, errors = live.communicate(timeout=60)
     assert live.returncode == 2
-    assert "died in flight with exit code -9" in errors
+    (log,) = re.findall(r"error: node sim_drone_cf\d died in flight with exit code -9; see (.*)\n", errors)
+    assert "simulating cf" in Path(log).read_text(encoding="utf-8")
     assert end(nodes)
 
 

@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
@@ -138,27 +139,27 @@ class Conductor:
 def test_of_many_nodes_that_are_missing_a_few_are_named_and_the_others_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live, "_DISCOVERY", 0.1)
     with pytest.raises(FlatsatError, match=r"after 0\.1 s: cf1/pose, cf2/pose, .*cf6/pose and 34 more$"):
-        live.Live(Conductor(), {}).wait_for_nodes()
+        live.Live(Conductor(), {}, Path()).wait_for_nodes()
 
 
 def test_only_drones_that_still_stand_are_asked_to_take_off_again() -> None:
     conductor = Conductor("cf2: no pose", "cf2: no pose", "ok", standing=("cf2",))
-    live.Live(conductor, {}).take_off()
+    live.Live(conductor, {}, Path()).take_off()
     assert conductor.asked == [("takeoff",), ("takeoff", "cf2"), ("takeoff", "cf2")]
 
 
 def test_a_take_off_that_stays_refused_is_an_error_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live, "_READY", 0.0)
     with pytest.raises(FlatsatError, match="cf2: takeoff refused: no pose"):
-        live.Live(Conductor("cf2: takeoff refused: no pose"), {}).take_off()
+        live.Live(Conductor("cf2: takeoff refused: no pose"), {}, Path()).take_off()
 
 
 def test_what_was_granted_may_come_with_a_remark() -> None:
     conductor = Conductor("ok, asked to arm")
-    live.Live(conductor, {}).arm()
+    live.Live(conductor, {}, Path()).arm()
     assert conductor.asked == [("arm",)]
 
 
 def test_a_refused_landing_is_an_error_with_the_reason() -> None:
     with pytest.raises(FlatsatError, match="cf1: land refused: the drone is in CUT"):
-        live.Live(Conductor("cf1: land refused: the drone is in CUT"), {}).land()
+        live.Live(Conductor("cf1: land refused: the drone is in CUT"), {}, Path()).land()
