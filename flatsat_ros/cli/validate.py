@@ -74,10 +74,10 @@ def _run(arguments: argparse.Namespace) -> int:
         from flatsat_ros.identification.disturbances import BANDWIDTH
 
         header = (
-            f"# What {len(names)} flights show: {', '.join(names)}.\n"
-            f"# disturbance_rate m/s^3 up to {BANDWIDTH:.2g} Hz, noise m, pose_age s: {coverage:.4%} of the samples\n"
-            "# keep them; acceleration, jerk, snap: of references, as in the certificate; lag s, delay s, gain,\n"
-            "# frequency rad/s, damping: least and largest\n"
+            f"# What was seen in {', '.join(names)}.\n"
+            f"# disturbance_rate m/s^3 up to {BANDWIDTH:.2g} Hz, noise m, pose_age s: {100 * coverage:.6g} % of the\n"
+            "# samples keep them; acceleration, jerk, snap: of references, as in the certificate; lag s, delay s,\n"
+            "# gain, frequency rad/s, damping: least and largest\n"
         )
         write_yaml(arguments.write, dict(assumptions(found, logs, base, references_of(certificate), coverage)), header)
         print(f"  written to {arguments.write}")

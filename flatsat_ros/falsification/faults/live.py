@@ -125,13 +125,13 @@ class LiveFlight(Live):
             commands: command lines by name.
             logs: folder of the log files.
         """
-        super().__init__(lab, nodes)
+        super().__init__(lab, nodes, logs)
         self.conductor = lab
         self.paths = [np.array([place]) for place in _STARTS]
         self.remarks: list[Remark] = []
         self.prepared = b""
         self.failure = ""
-        self.nodes, self._commands, self._logs = nodes, commands, logs
+        self.nodes, self._commands = nodes, commands
         self._ended: set[str] = set()  # by the fault itself
         self._files: dict[Path, int] = {}  # logs of controllers, and how much of each was there before the fault
 

@@ -57,7 +57,7 @@ def fly(drones: int, seconds: float, folder: Path, tell: Callable[[str], None]) 
         try:
             for name, command in _commands(robots).items():
                 nodes[name] = start(command, folder / f"{name}.log")
-            flight = SoakFlight(lab, nodes, soak, tell)
+            flight = SoakFlight(lab, nodes, folder, soak, tell)
             flight.wait_for_nodes()
             flight.perform(seconds)
         finally:
@@ -93,17 +93,23 @@ class SoakFlight(Live):
     """Drones that take off, fly to and fro and land, until the time is over, and what their processes use."""
 
     def __init__(
-        self, lab: SoakLab, nodes: dict[str, subprocess.Popen[bytes]], soak: Soak, tell: Callable[[str], None]
+        self,
+        lab: SoakLab,
+        nodes: dict[str, subprocess.Popen[bytes]],
+        logs: Path,
+        soak: Soak,
+        tell: Callable[[str], None],
     ) -> None:
         """Fly nothing yet.
 
         Args:
             lab: see `Live`.
             nodes: the processes by name.
+            logs: folder of the log files.
             soak: gets what is seen.
             tell: see `fly`.
         """
-        super().__init__(lab, nodes)
+        super().__init__(lab, nodes, logs)
         self._lab, self._processes, self._soak, self._tell = lab, nodes, soak, tell
         soak.samples = {name: [] for name in nodes}
         self._next_sample = self._next_goal = self._next_line = self.now()
