@@ -22,17 +22,13 @@ the parts of the window, half a second each, deviate from it in sum, and not tic
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray, all_of, any_of
 from flatsat_ros.certificate.flight import Axis
 from flatsat_ros.certificate.flight_cell import PlantBox
 from flatsat_ros.certificate.flight_plant import Plant
-
-if TYPE_CHECKING:
-    from flatsat_ros.flight.assumptions import Seen
+from flatsat_ros.flight.assumptions import Seen
 
 # what is looked at, s, and how often
 _WINDOW, _EVERY = 10.0, 0.5

@@ -17,10 +17,11 @@ from flatsat_ros.base.arrays import FloatArray, all_of, any_of
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.certificate.flight import FlightSection
 from flatsat_ros.certificate.sets import Place
-from flatsat_ros.flight.assumptions import Assumption, Monitors, Seen
+from flatsat_ros.flight.assumptions import Assumption, Seen
 from flatsat_ros.flight.doubt import Carried, Doubt
 from flatsat_ros.flight.estimator import Estimator
 from flatsat_ros.flight.guarantee import Assessment
+from flatsat_ros.flight.monitors import Monitors
 from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.predictor import Predictor
 from flatsat_ros.flight.preview import Preview
@@ -148,7 +149,7 @@ class PredictedLoop(Loop):
         self._predictor = Predictor(horizontal, vertical, count, flight.pose_age)
         self._preview = Preview(references, horizontal, vertical)
         self._monitors = Monitors(flight, self._most, references)
-        self._doubt = Doubt.of_flight(flight, self._monitors.innovations, count)
+        self._doubt = Doubt.of_flight(flight, self._monitors.bounds.innovations, count)
         self._carried = Carried(horizontal.period, count)
         self._doubts, self._gain = np.zeros((count, 2), dtype=bool), np.ones(count)
         self._feedback = -certificate.matrix[:, 3:]
@@ -183,7 +184,9 @@ class PredictedLoop(Loop):
             plain = self._estimator.estimate(now)
             met = np.where(doubts[:, OF_STATE], plain[:, :6], met)
             met = reference[:, :6] + self._doubt.soften(met - reference[:, :6], doubts, self._gain)
-            push = np.where(doubts[:, OF_VECTOR], self._doubt.slowed(now, self._monitors.lately, plain[:, 6:]), push)
+            push = np.where(
+                doubts[:, OF_VECTOR], self._doubt.slowed(now, self._monitors.recent.mean, plain[:, 6:]), push
+            )
             state = np.where(doubts[:, OF_STATE], plain[:, :6], state)
             most = np.where(doubts.any(axis=1), self._most_doubted, most)
         self._error = state - reference[:, :6]
