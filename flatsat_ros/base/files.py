@@ -130,6 +130,9 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        there = "a link to nothing" if not folder.exists() else "a file" if folder.is_file() else _SPECIAL
+        raise unwritable(folder, f"it is {there}, must be a folder") from error
     except (OSError, ValueError) as error:
         raise unwritable(folder, error) from error
     return folder

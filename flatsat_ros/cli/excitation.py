@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 
 from flatsat_ros.cli import shell
 
 _CERTIFICATE, _AT = "cf21_50hz", (0.0, 0.0, 1.0)
+_FAR = 500.0  # m, from the origin, as of way-points
 _TYPE = "trajectory_msgs/msg/MultiDOFJointTrajectory"
 
 
@@ -18,11 +20,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _place(text: str) -> tuple[float, ...]:
-    """Read x,y,z."""
-    place = tuple(shell.number(item) for item in text.split(","))
-    if len(place) != 3:
-        raise ValueError
-    return place
+    """Read x,y,z, m."""
+    with suppress(ValueError):
+        place = tuple(map(shell.number, text.split(",")))
+        if len(place) == 3 and all(abs(x) <= _FAR for x in place):
+            return place
+    from flatsat_ros.base.errors import quoted
+
+    raise argparse.ArgumentTypeError(f"{quoted(text)}: must be X,Y,Z, three numbers within {_FAR:g} m")
 
 
 def _parser() -> shell.Parser:

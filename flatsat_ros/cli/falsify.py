@@ -76,6 +76,7 @@ def _run(arguments: argparse.Namespace) -> int:
 def _asked(arguments: argparse.Namespace, most: int) -> tuple[int, float, int, int]:
     """Return runs, by default the most, seconds, first seed and number of workers."""
     from flatsat_ros.base.errors import require
+    from flatsat_ros.falsification.workers import WORKERS_MAX
 
     runs = most if arguments.runs is None else arguments.runs
     seconds = _SECONDS if arguments.seconds is None else arguments.seconds
@@ -84,7 +85,7 @@ def _asked(arguments: argparse.Namespace, most: int) -> tuple[int, float, int, i
     require(runs >= 1, "--runs", runs, "", "at least 1")
     require(seconds > 0.0, "--seconds", seconds, "s", "above 0")
     require(seed >= 0, "--seed", seed, "", "at least 0")
-    require(workers >= 1, "--workers", workers, "", "at least 1")
+    require(1 <= workers <= WORKERS_MAX, "--workers", workers, "", f"from 1 to {WORKERS_MAX}")
     return runs, seconds, seed, workers
 
 
@@ -187,7 +188,7 @@ def _fly_plans(arguments: argparse.Namespace) -> int:
 
     shell.require_alone(arguments, "plans", "certificate", "runs", "seconds", "seed", "workers")
     runs, seconds, seed, workers = _asked(arguments, _FLIGHTS)
-    certificate = load_certificate(arguments.certificate or DEFAULT_CERTIFICATE)
+    certificate = load_certificate(DEFAULT_CERTIFICATE if arguments.certificate is None else arguments.certificate)
     plans = [Plan.load(path) for path in arguments.plans]
     for plan in plans:
         require_tubes(plan, certificate)

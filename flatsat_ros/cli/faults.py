@@ -59,14 +59,14 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _fly(arguments: argparse.Namespace) -> int:
-    from flatsat_ros.base.errors import refusal
+    from flatsat_ros.base.errors import refusal, require
     from flatsat_ros.falsification.faults.phases import Phase
     from flatsat_ros.falsification.faults.rows import fly_rows
     from flatsat_ros.falsification.faults.table import FAULTS
+    from flatsat_ros.falsification.workers import WORKERS_MAX
 
     workers = os.cpu_count() or 1 if arguments.workers is None else arguments.workers
-    if workers < 1:
-        raise refusal("--workers", workers, "", "at least 1")
+    require(1 <= workers <= WORKERS_MAX, "--workers", workers, "", f"from 1 to {WORKERS_MAX}")
     phases = list(Phase) if arguments.phase is None else [Phase(arguments.phase)]
     names = _names(arguments, FAULTS)
     wanted = [(name, phase) for name in names for phase in phases if phase in FAULTS[name].phases]
@@ -92,7 +92,7 @@ def _fly_live(arguments: argparse.Namespace) -> int:
 def _certificate(arguments: argparse.Namespace) -> str:
     from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE
 
-    return arguments.certificate or DEFAULT_CERTIFICATE
+    return DEFAULT_CERTIFICATE if arguments.certificate is None else str(arguments.certificate)
 
 
 def _names(arguments: argparse.Namespace, faults: Mapping[str, object]) -> list[str]:

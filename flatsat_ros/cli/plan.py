@@ -131,12 +131,13 @@ def _plan(arguments: argparse.Namespace) -> None:
         if getattr(arguments, option) is not None:
             raise FlatsatError(f"--{option}: not used with --trade, which makes no plan; drop one or the other")
     if output is not None:
+        shell.require_apart("--output", output, {"FILE": arguments.file})
         shell.require_new(output, arguments.force)
     elif arguments.force:
         raise FlatsatError("--force overwrites the output; without --output none is written")
     options = ("tube", "margin", "jerk_max", "snap_max", "speed_max", "clearance", "floor", "laps")
     given = {name: getattr(arguments, name) for name in options if getattr(arguments, name) is not None}
-    certificate = load_certificate(arguments.certificate or DEFAULT_CERTIFICATE)
+    certificate = load_certificate(DEFAULT_CERTIFICATE if arguments.certificate is None else arguments.certificate)
     name = (output or arguments.file).stem
     present = _present if arguments.from_poses else None
     mission = read_mission(arguments.file, certificate, Wishes(**given), name, present)

@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
@@ -38,6 +39,8 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, program: str, description: str | None, epilog: str | None = None) -> None:
         super().__init__(prog=program, description=description, epilog=epilog, allow_abbrev=False)
+        # what begins so is a value, as -1,0,1 or -1e-3, which argparse itself takes for options
+        self._negative_number_matcher = re.compile(r"-\.?\d")
 
     def error(self, message: str) -> NoReturn:
         """Refuse the command line."""
@@ -201,6 +204,25 @@ def require_new(target: Path, force: bool) -> None:
     check_writable(target)
     if target.exists() and not force:
         raise unwritable(target, "it exists: give --force to overwrite it")
+
+
+def require_apart(option: str, target: Path | None, others: Mapping[str, str | Path | None]) -> None:
+    """Refuse to write over a file that is read, or written, besides.
+
+    Args:
+        option: that names the target, as it is typed.
+        target: the file to write, if any.
+        others: the other files, by what the command line calls them.
+
+    Raises:
+        FlatsatError: one is the same file.
+    """
+    from flatsat_ros.base.errors import refusal
+    from flatsat_ros.base.files import resolved
+
+    for name, other in others.items():
+        if target is not None and other is not None and resolved(target) == resolved(other):
+            raise refusal(option, str(target), "", f"another file than {name}, which it would replace")
 
 
 def require_folder(folder: Path, names: Iterable[str]) -> None:

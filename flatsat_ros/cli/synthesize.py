@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flatsat_ros.cli import shell
-from flatsat_ros.cli.synthesize_flight import write_designs, write_flight
+from flatsat_ros.cli.synthesize_flight import certificate_name, write_designs, write_flight
 
 if TYPE_CHECKING:
     from flatsat_ros.base.arrays import FloatArray
@@ -182,6 +182,7 @@ def _write_own(arguments: argparse.Namespace) -> None:
         )
     if arguments.force and output is None and plot is None:
         raise FlatsatError("--force overwrites files; without --output and --plot none is written")
+    shell.require_apart("--plot", plot, {"--output": output})
     for target in (output, plot):
         if target is not None:
             shell.require_new(target, arguments.force)
@@ -203,8 +204,7 @@ def _write_own(arguments: argparse.Namespace) -> None:
     if rate is None and arguments.cover is None and drift is None and push is None:
         rate = _RATE
     wishes = CertificateWishes(limits, timing, rate, arguments.cover, drift, push, lowest, highest)
-    name = arguments.name or (output.stem if output else "unnamed")
-    _finish(wishes.certificate(name, inputs), output, plot, arguments.cover)
+    _finish(wishes.certificate(certificate_name(arguments.name, output), inputs), output, plot, arguments.cover)
 
 
 def _timing(arguments: argparse.Namespace, vehicle: VehicleProfile | None) -> Timing:

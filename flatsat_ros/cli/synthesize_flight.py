@@ -10,6 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from flatsat_ros.cli import shell
+
 if TYPE_CHECKING:
     from flatsat_ros.certificate.certificate import Certificate
 
@@ -29,7 +31,7 @@ def write_flight(arguments: argparse.Namespace, output: Path | None) -> None:
         FlatsatError: wishes cannot be met; the text names one to give up.
     """
     from flatsat_ros.base.constants import GRAVITY
-    from flatsat_ros.base.errors import FlatsatError, refusal
+    from flatsat_ros.base.errors import FlatsatError, refusal, require_positive
     from flatsat_ros.crazyflie.vehicle import load_vehicle
     from flatsat_ros.law.input_set import InputSet
     from flatsat_ros.synthesis.flight_design import FlightDesign
@@ -39,8 +41,11 @@ def write_flight(arguments: argparse.Namespace, output: Path | None) -> None:
 
     if arguments.vehicle is None:
         raise FlatsatError("--flight needs --vehicle, whose plants it is for")
-    vehicle = load_vehicle(arguments.vehicle)
-    assumptions, intervals = assumed(arguments.assume or _ASSUMED)
+    vehicle, assume = load_vehicle(arguments.vehicle), _ASSUMED if arguments.assume is None else arguments.assume
+    shell.require_apart("--output", output, {"--assume": assume})
+    assumptions, intervals = assumed(assume)
+    name = certificate_name(arguments.name, output)
+    seconds = _SECONDS if arguments.seconds is None else require_positive("--seconds", arguments.seconds, "s")
     gain = _GAIN_MAX if arguments.gain_max is None else arguments.gain_max
     if not gain >= 1.0:
         raise refusal("--gain-max", gain, "", "at least 1")
@@ -63,14 +68,26 @@ def write_flight(arguments: argparse.Namespace, output: Path | None) -> None:
     for name, plants in kinds.items():
         goal = Goal(period, gain, _SHARE * room, assumptions)
         print(f"searching the {name} design", file=sys.stderr, flush=True)
-        axes.append(searched(goal, plants, _progress(), arguments.seconds or _SECONDS))
+        axes.append(searched(goal, plants, _progress(), seconds))
     design = FlightDesign(limits, gain, margin, _DISTURBANCE, _RETURN_RATE, assumptions, *axes)
-    name = arguments.name or (output.stem if output else "unnamed")
-    certificate = proved(design, name, {"inputs": {"vehicle": vehicle.name, "assume": arguments.assume or _ASSUMED}})
+    certificate = proved(design, name, {"inputs": {"vehicle": vehicle.name, "assume": assume}})
     require_tilt(certificate)
     _finish(certificate, output)
     print("\n".join(trade(certificate)))
     print(f"{vehicle.name} {sentence(certificate)}")
+
+
+def certificate_name(given: str | None, output: Path | None) -> str:
+    """Return the name of a certificate that is made: the one that is given, or that of its file.
+
+    Raises:
+        FlatsatError: it is empty.
+    """
+    from flatsat_ros.base.errors import require
+
+    name = given if given is not None else output.stem if output is not None else "unnamed"
+    require(bool(name), "--name", name, "", "a name")
+    return name
 
 
 def write_designs(path: Path, folder: Path) -> None:

@@ -59,6 +59,8 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.write is not None:
         if arguments.write.suffix != ".yaml":
             raise refusal("--write", str(arguments.write), "", "a .yaml file")
+        given = {f"--{name}": getattr(arguments, name) for name in ("certificate", "vehicle", "base", "columns")}
+        shell.require_apart("--write", arguments.write, given)
         shell.require_new(arguments.write, arguments.force)
     coverage = COVERAGE if arguments.coverage is None else arguments.coverage
     require_coverage(coverage)

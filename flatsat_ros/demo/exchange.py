@@ -12,7 +12,7 @@ import numpy as np
 from flatsat_ros.base.errors import FlatsatError, refusal
 from flatsat_ros.certificate.certificate import Certificate
 from flatsat_ros.demo.record import PLAN
-from flatsat_ros.demo.scenario import Scenario, default_certificate, planned_flight
+from flatsat_ros.demo.scenario import Scenario, default_certificate, planned_flight, require_wind
 from flatsat_ros.flight.separation import DOWNWASH
 from flatsat_ros.planning.mission import Asked, Mission
 from flatsat_ros.planning.planner import Round, finished
@@ -43,6 +43,7 @@ def exchange(folder: Path, count: int, wind: float = 0.0, progress: Callable[[Ro
     from flatsat_ros.planning.improvement import rounds  # scipy and the solver take a while to import
 
     certificate, _ = default_certificate()
+    require_wind(certificate, wind)
     mission, ends = mission_of(certificate, count), [time.monotonic() + _PATIENCE]
     found: list[Round] = []
     for proved in rounds(mission, lambda: time.monotonic() > ends[-1]):

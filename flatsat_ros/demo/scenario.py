@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.errors import FlatsatError, refusal
+from flatsat_ros.base.errors import FlatsatError, refusal, require
 from flatsat_ros.base.resources import config_path
 from flatsat_ros.certificate.certificate import DEFAULT_CERTIFICATE, Certificate, load_certificate
 from flatsat_ros.crazyflie.fit import LINK_DELAY, require_fit
@@ -158,18 +158,15 @@ def planned_flight(path: Path, wind: float = 0.0) -> Scenario:
             near to each other on the floor; or the wind is more than the certificate assumes.
     """
     certificate, certificate_path = default_certificate()
-    dynamics = load_vehicle(VEHICLE).dynamics
-    assumed = 0.0 if certificate.flight is None else certificate.flight.disturbance / dynamics.drag_xy
-    if not 0.0 <= wind <= assumed:
-        valid = f"from 0 to {assumed:.4g} m/s, whose drag on a hovering drone is what the certificate assumes"
-        raise refusal("--wind", wind, "m/s", valid)
+    require_wind(certificate, wind)
     prepared = PreparedPlan.load(path, certificate)
     robots = list(prepared.references)
     swaps = [prepared.references[robot] for robot in robots]
     gathering = np.array([swap.sample(0.0)[:3] for swap in swaps])
     lowest = min(float(swap.bounds()[0][2]) for swap in swaps)
     floor = 0.0 if lowest >= _LOWEST else math.floor(10.0 * (lowest - _BELOW)) / 10.0
-    policy = replace(default_policy(dynamics.drag_z), floor=floor, separation=_separation(prepared.plan))
+    drag = load_vehicle(VEHICLE).dynamics.drag_z
+    policy = replace(default_policy(drag), floor=floor, separation=_separation(prepared.plan))
     _require_inside(policy.box, robots, swaps)
     start = gathering * (1.0, 1.0, 0.0) + (0.0, 0.0, floor)
     apart = policy.separation + _BESIDE
@@ -179,6 +176,18 @@ def planned_flight(path: Path, wind: float = 0.0) -> Scenario:
         robots, start, gathering, swaps, certificate, certificate_path, "identified", policy, False, prepared, path,
         wind, floor,
     )  # fmt: skip
+
+
+def require_wind(certificate: Certificate, wind: float) -> None:
+    """Refuse a steady wind, m/s, of more than the certificate assumes.
+
+    Raises:
+        FlatsatError: it is more, or not a number of at least 0.
+    """
+    drag = load_vehicle(VEHICLE).dynamics.drag_xy
+    assumed = 0.0 if certificate.flight is None else certificate.flight.disturbance / drag
+    valid = f"from 0 to {assumed:.4g} m/s, whose drag on a hovering drone is what the certificate assumes"
+    require(0.0 <= wind <= assumed, "--wind", wind, "m/s", valid)
 
 
 def _require_inside(room: ReferenceBox, robots: Sequence[str], paths: Sequence[Trajectory]) -> None:

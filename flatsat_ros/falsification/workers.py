@@ -17,6 +17,8 @@ from typing import TypeVar
 from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.base.interrupts import signals_held
 
+WORKERS_MAX = 512  # more processes than any machine of ours has cores
+
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 

@@ -74,7 +74,7 @@ def test_what_cannot_be_used_is_refused_in_one_line(arguments: list[str], capsys
     ("option", "value", "text"),
     [
         ("--runs", "0", "--runs = 0: must be at least 1"),
-        ("--workers", "-1", "--workers = -1: must be at least 1"),
+        ("--workers", "-1", "--workers = -1: must be from 1 to 512"),
         ("--seconds", "nan", "--seconds = nan s: must be above 0"),
         ("--seed", "-5", "--seed = -5: must be at least 0"),
     ],

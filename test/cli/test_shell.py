@@ -288,3 +288,97 @@ def test_a_bag_that_is_no_place_for_a_report_is_refused(
     Path("loop.mcap").symlink_to("loop.mcap")
     assert PROGRAMS["report"]([bag]) == 2
     assert f"{bag}: cannot be read: " in refusal(capsys)
+
+
+@pytest.mark.parametrize(
+    ("line", "text"),
+    [
+        (
+            "plan way.csv --output way.csv --force",
+            "--output = 'way.csv': must be another file than FILE, which it would replace",
+        ),
+        ("plan way.csv --output ./way.csv --force", "must be another file than FILE"),
+        ("plan way.csv --output link.csv --force", "must be another file than FILE"),
+        (
+            "synthesize --thrust-max 14 --output a.png --plot a.png",
+            "--plot = 'a.png': must be another file than --output",
+        ),
+        (
+            "synthesize --flight --vehicle cf21 --assume way.csv --output way.csv --force",
+            "must be another file than --assume",
+        ),
+        (
+            "validate way.csv --certificate a --vehicle b.yaml --write b.yaml --force",
+            "must be another file than --vehicle",
+        ),
+    ],
+)
+def test_nothing_is_written_over_what_is_read_or_written_besides(
+    line: str, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("way.csv", "way.yaml"):
+        Path(name).write_text("x,y,z\n0,0,1\n1,0,1\n", encoding="utf-8")
+    Path("link.csv").symlink_to("way.csv")
+    program, *arguments = line.split()
+    assert PROGRAMS[program](arguments) == 2
+    assert text in refusal(capsys)
+    assert Path("way.csv").read_text(encoding="utf-8").startswith("x,y,z")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "plan way.csv --certificate=",
+        "falsify --plans p.yaml --certificate=",
+        "faults --fault y_up --certificate=",
+        "synthesize --flight --vehicle cf21 --assume=",
+        "synthesize --thrust-max 14 --name=",
+    ],
+)
+def test_an_empty_name_does_not_stand_for_the_usual_one(line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """As where a variable of the shell that should hold it is not set."""
+    program, *arguments = line.split()
+    assert PROGRAMS[program](arguments) == 2
+    assert "''" in refusal(capsys)
+
+
+@pytest.mark.parametrize("place", ["-1,0,1", "-.5,0,1", "-1e-1,-0.5,1"])
+def test_lists_of_numbers_may_begin_with_a_negative_one(
+    place: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert PROGRAMS["excitation"](["--output", str(tmp_path / "e.yaml"), "--at", place]) == 0
+    assert "written to" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("line", "text"),
+    [
+        ("excitation --output e.yaml --at 0,0", "argument --at: '0,0': must be X,Y,Z, three numbers within 500 m"),
+        ("excitation --output e.yaml --at nan,0,1", "argument --at: 'nan,0,1': must be X,Y,Z"),
+        ("excitation --output e.yaml --at 1e9,0,1", "argument --at: '1e9,0,1': must be X,Y,Z"),
+        ("synthesize --flight --vehicle cf21 --seconds nan", "--seconds = nan s: must be a number above 0"),
+        ("synthesize --flight --vehicle cf21 --seconds 0", "--seconds = 0.0 s: must be a number above 0"),
+        ("falsify --workers 100000", "--workers = 100000: must be from 1 to 512"),
+        ("faults --workers 100000", "--workers = 100000: must be from 1 to 512"),
+        ("reproduce --output taken", "taken: cannot be written: it is a file, must be a folder"),
+        ("reproduce --output dangling", "dangling: cannot be written: it is a link to nothing, must be a folder"),
+    ],
+)
+def test_a_value_that_cannot_be_used_is_refused_before_work_begins(
+    line: str, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("taken").touch()
+    Path("dangling").symlink_to("nothing")
+    program, *arguments = line.split()
+    assert PROGRAMS[program](arguments) == 2
+    assert text in refusal(capsys)
+
+
+@pytest.mark.parametrize("wind", ["nan", "100", "-1"])
+def test_a_wind_that_is_too_much_is_refused_before_a_plan_is_made(
+    wind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert PROGRAMS["demo"](["--headless", "--robots", "2", "--wind", wind, "--output", str(tmp_path)]) == 2
+    assert refusal(capsys).startswith(f"--wind = {float(wind)} m/s: must be from 0 to 1.096 m/s")
