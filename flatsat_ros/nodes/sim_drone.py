@@ -18,7 +18,7 @@ from rclpy.publisher import Publisher
 from std_srvs.srv import Trigger
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.base.errors import refusal
+from flatsat_ros.base.errors import refusal, require_number
 from flatsat_ros.crazyflie.crazyflies_yaml import Robot
 from flatsat_ros.crazyflie.fit import LINK_DELAY
 from flatsat_ros.crazyflie.wire import Backend
@@ -128,6 +128,8 @@ class SimDrone(ProgramNode):
         if len(start) != 3 * count:
             valid = f"{3 * count}: x, y, z of {count} drones"
             raise refusal("entries of parameter start_positions", len(start), "", valid)
+        for entry in start:
+            require_number("entry of parameter start_positions", entry, "m", -1e3, 1e3)
         common: dict[str, Any] = {
             "dynamics": declare(
                 self, "dynamics", "identified", "ideal: double integrator; identified: with attitude, lag, drag"
@@ -163,6 +165,8 @@ class SimDrone(ProgramNode):
         mean = declare(self, "wind", [0.0, 0.0, 0.0], "mean air velocity in the world frame, x, y, z", unit="m/s")
         if len(mean) != 3:
             raise refusal("entries of parameter wind", len(mean), "", "3: x, y, z")
+        for entry in mean:
+            require_number("entry of parameter wind", entry, "m/s", -100.0, 100.0)
         return Wind(
             mean=(mean[0], mean[1], mean[2]),
             gust=declare(self, "gust", 0.0, "standard deviation of gusts, per axis", unit="m/s", bounds=(0.0, 100.0)),

@@ -41,6 +41,8 @@ SIM_DRONE: list[tuple[dict[str, Any], str]] = [
     ({"robot_names": []}, NO_ROBOTS),
     ({"wind": []}, "parameter wind = []: must be of type double array and not empty"),
     ({"wind": [1.0]}, "entries of parameter wind = 1: must be 3"),
+    ({"wind": [0.0, 1e300, 0.0]}, "entry of parameter wind = 1e+300 m/s: must be a number from -100 to 100"),
+    ({"start_positions": [0.0, 0.0, -1e12]}, "parameter start_positions = -1000000000000.0 m: must be"),
     ({"start_positions": [0.0, 1.0]}, "entries of parameter start_positions = 2: must be 3"),
     ({"dynamics": "wrong"}, "identified or ideal"),
     ({"vehicle": "wrong"}, "cf21"),
