@@ -15,8 +15,17 @@ import yaml
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from flatsat_ros.flight import assumptions as assumed
-from flatsat_ros.flight import astray, detectors, estimator, orientation, plausibility, supervisor, waiting, yielding
+from flatsat_ros.flight import (
+    astray,
+    detectors,
+    estimator,
+    monitors,
+    orientation,
+    plausibility,
+    supervisor,
+    waiting,
+    yielding,
+)
 from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.telemetry import FIELDS
 from flatsat_ros.identification.recording import COLUMNS
@@ -294,7 +303,7 @@ def test_the_page_names_the_thresholds_that_it_puts_into_words(page: str) -> Non
         "so old for half a second": plausibility._LATE_FOR == 0.5,
         "unless within a second they are back": estimator._AGAIN_TIME == 1.0,
         "less a fifth of the time between": supervisor._FORGOTTEN == 1.0 / 5.0,
-        "outside its tube for half a second": assumed._OUTSIDE == 0.5,
+        "outside its tube for half a second": monitors._OUTSIDE == 0.5,
         "half of the limit each way": detectors._SWINGING_SHARE == 0.5,
         "at most once a second each": faults._REFUSAL_SILENCE == 1.0,
     }
