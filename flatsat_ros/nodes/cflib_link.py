@@ -191,10 +191,10 @@ class Link:
                 lost = self._serve(cf)
             except Exception as error:  # cflib raises just that; it ends the connection, not the link
                 cf.error = str(error)
+            self.connected = False
             if cf.error:
                 # what follows is a traceback
                 self.condition = " ".join(cf.error.partition("\n\n")[0].removeprefix(_CFLIB_PREFIX).split())
-            self.connected = False
             _close(cf)
             if not lost:
                 self._leaving.wait(_RETRY)

@@ -52,13 +52,21 @@ class LinkWatch:
         self._links, self._low_voltages = links, low_voltages
         self._logger, self._faults = node.get_logger(), node.faults
         self._qualities = [LinkQuality() for _ in links]
+        self._conditions = [link.condition for link in links]  # as told last
         self._landings = [node.create_client(Trigger, interfaces.service_of(link.robot, "land")) for link in links]
         node.create_timer(_QUALITY_PERIOD, self._look)
         Diagnostics(node, self._report)
 
     def _look(self) -> None:
-        """Tell whose radio is poor, and have the controller land a drone that is hardly reached any more."""
+        """Tell who is connected or why not, and whose radio is poor; land a drone that is hardly reached any more."""
         now = time.monotonic()
+        for index, link in enumerate(self._links):
+            if link.condition != self._conditions[index]:
+                self._conditions[index] = link.condition
+                if link.connected:
+                    self._logger.info(f"{link.robot}: {link.condition}")
+                else:
+                    self._logger.warning(f"{link.robot}: {link.condition}")
         for link, quality, landing in zip(self._links, self._qualities, self._landings, strict=True):
             value = link.values.get(QUALITY)
             if value is None or not link.connected or not quality.measure(value, now):

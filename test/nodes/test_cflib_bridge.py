@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import subprocess
 import time
@@ -325,7 +326,7 @@ def test_a_flight_survives_lost_packets(simulate: Simulate, lab: Lab) -> None:
 
 def test_a_dead_link_ends_as_the_firmware_says_and_is_opened_again(simulate: Simulate, lab: Lab) -> None:
     drones = simulate((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
-    bridge(lab, drones, link_timeout=1.0)
+    process = bridge(lab, drones, link_timeout=1.0)
     status = lab.watch_diagnostics("cflib_bridge: cf1")
     poses = lab.watch(interfaces.POSE, "cf2")
     lab.fly("cf2")
@@ -339,6 +340,8 @@ def test_a_dead_link_ends_as_the_firmware_says_and_is_opened_again(simulate: Sim
     drones.drones[0].deaf = False
     lab.wait(lambda: status[-1].message == "locked until reboot", "the connection to be back")
     assert int(values(status)["connections"]) >= 2
+    happened = ["connected", "silent for 1 s", "connected"]
+    lab.wait(lambda: re.findall(r"cf1: (connected|silent for 1 s)", process.output) == happened, "the log to tell it")
     # the other drone never noticed
     lab.wait(lambda: len(poses) > settled + 100, "poses of the other drone")
     assert np.abs([pose.pose.position.z - 0.5 for pose in poses[settled:]]).max() < lab.near
