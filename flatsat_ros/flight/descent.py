@@ -5,7 +5,7 @@ kept there by a thrust that drag and gravity balance. What is left is the error 
 1 % of it be 0.1 m/s^2 over 0.4 1/s, a quarter of a metre per second. Before anything was learnt the thrust is rather
 too low than too high. One that has left the ground unseen, with a thrust that nobody knows, may have more of it than
 is known of any: its climb is braked harder, and then it gets ever less, so slowly that it sinks slowly when it begins
-to.
+to. So does one that was taken over and not seen to move, once its height should have been enough: it may have climbed.
 """
 
 from __future__ import annotations
@@ -49,12 +49,21 @@ class BlindDescent:
         self._climb = np.zeros(count)  # m/s, at the beginning
         self._lift = np.zeros(count)  # m/s^2, disturbance that was learnt
         self._known = np.zeros(count, dtype=bool)  # the thrust was learnt
-        self._unseen = np.zeros(count, dtype=bool)  # it has left the ground unseen
+        # it has left the ground unseen; or, it or not, it moves unseen
+        self._hopped, self._unseen = np.zeros((2, count), dtype=bool)
         self._length = np.full(count, np.inf)  # s
-        self._longest = np.full(count, np.inf)  # s, of one that has left the ground unseen
+        self._fuller, self._longest = np.full((2, count), np.inf)  # s, of one that moves unseen, until it gets less
 
     def begin(
-        self, index: int, now: float, height: float, climb: float, lift: float | None, *, unseen: bool = False
+        self,
+        index: int,
+        now: float,
+        height: float,
+        climb: float,
+        lift: float | None,
+        *,
+        unseen: bool = False,
+        still: bool = False,
     ) -> None:
         """Let drone index be held level, and then sink, from time now, s, on.
 
@@ -66,19 +75,20 @@ class BlindDescent:
             lift: estimated vertical disturbance, m/s^2; None if neither it nor the thrust was learnt.
             unseen: it may have left the ground unseen, and has no lift that is known: height and climb rate are those
                 of a drone as it should be. Whether it is in the air is tried, see `aside`.
+            still: it has no lift that is known either, and may climb or sink though it was not seen to.
         """
-        self._unseen[index] = unseen
+        self._hopped[index], self._unseen[index] = unseen, unseen or still
         self._began[index], self._climb[index] = now, climb
         self._known[index], self._lift[index] = lift is not None, lift or 0.0
         height = max(height, 0.0)
         needed = height / SINKING + abs(climb + SINKING) / _CHANGE
-        if unseen:
-            self._longest[index] = abs(climb + SINKING) / _UNSEEN_CHANGE + (_UNSEEN - _UNSEEN_LEAST) / _UNSEEN_LESS
-        elif lift is None:
+        if lift is None and not unseen:
             # it may still climb: the longer time at which height + climb t - down t^2 / 2 is 0
             down = (1.0 - self._level) * self._gravity + 1e-3
             needed = (climb + math.sqrt(climb * climb + 2.0 * down * height)) / down
         self._length[index] = _LONGER * needed + _LATER
+        self._fuller[index] = abs(climb + SINKING) / _UNSEEN_CHANGE if unseen else self._length[index]
+        self._longest[index] = self._fuller[index] + (_UNSEEN - _UNSEEN_LEAST) / _UNSEEN_LESS
 
     def thrust(self, now: float) -> FloatArray:
         """Return the thrusts (N,), m/s^2, at time now, s."""
@@ -88,17 +98,17 @@ class BlindDescent:
         thrust = np.where(self._known, known, self._level * self._gravity)
         if not any_of(self._unseen):
             return thrust
-        since = now - self._began - np.abs(change) / _UNSEEN_CHANGE
+        since = now - self._began - self._fuller
         less = self._gravity * np.maximum(_UNSEEN - _UNSEEN_LESS * np.maximum(since, 0.0), _UNSEEN_LEAST)
-        slowing = self._gravity + np.sign(change) * _UNSEEN_CHANGE
+        slowing = np.where(self._hopped, self._gravity + np.sign(change) * _UNSEEN_CHANGE, thrust)
         return np.where(self._unseen, np.where(since < 0.0, slowing, less), thrust)
 
     def aside(self, now: float) -> FloatArray | None:
         """Return the accelerations along x, (N,) m/s^2, that show at time now, s, who is in the air; None for none."""
-        if not any_of(self._unseen):
+        if not any_of(self._hopped):
             return None
         back = np.where(now - self._began < _ASIDE_TIME, _ASIDE, -_ASIDE)
-        return np.where(self._unseen & (now - self._began < 2.0 * _ASIDE_TIME), back, 0.0)
+        return np.where(self._hopped & (now - self._began < 2.0 * _ASIDE_TIME), back, 0.0)
 
     def set_clock_back(self, now: float) -> None:
         """Let no descent last longer because the clock was set back to now, s."""

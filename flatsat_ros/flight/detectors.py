@@ -112,6 +112,7 @@ class LiftOffDetector:
         self._highest = np.zeros(count)  # how far each was seen to rise from there at most, m
         self._held_since = np.full(count, np.inf)
         self._enough_since = np.full(count, np.inf)
+        self._enough_from = np.zeros(count)  # how far each had risen then, m
         self._last = np.inf  # s, of the last look
         self._unseen = np.zeros((2, count))  # rise, m, and climb rate, m/s, of each if its thrust is what is asked for
 
@@ -193,7 +194,8 @@ class LiftOffDetector:
         if not any_of(strong):
             self._enough_since[:] = np.inf
             return np.asarray(held)
-        enough = waiting & strong & (moved[:, 2] < _ENOUGH_RISE)
+        self._enough_from = np.where(np.isfinite(self._enough_since), self._enough_from, way[:, 2])
+        enough = waiting & strong & (way[:, 2] - self._enough_from < _ENOUGH_RISE)
         self._enough_since = np.where(enough, np.minimum(self._enough_since, now), np.inf)
         return np.asarray(held | (now - self._enough_since >= _ENOUGH_TIME))
 

@@ -87,13 +87,13 @@ class Footing:
         return _SUNK.format(self.lift_off.risen(index, place) - place[2], LIFTED_OFF)
 
     def immobile(self, place: FloatArray, usable: np.ndarray) -> np.ndarray:
-        """Return who is not seen to move from its place, (N,).
+        """Return who is seen not to move from its place, (N,).
 
         Args:
-            place: (N, 3) or more, m; without poses it moves, by the commands.
+            place: (N, 3) or more, m.
             usable: (N,) who has poses.
         """
-        return ~usable | (self.lift_off.moved(place) < _IMMOBILE)
+        return usable & (self.lift_off.moved(place) < _IMMOBILE)
 
     def resting(self, estimated: FloatArray) -> np.ndarray:
         """Return who was taken over, wherever that was, and has not risen since, (N,), by estimates (N, 9)."""

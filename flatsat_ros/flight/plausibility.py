@@ -23,9 +23,9 @@ _BEHIND = 0.5
 _LATE, _LATE_FOR = 0.15, 0.5
 # a drone that moves faster than this, m/s, is never twice in the same place
 _MOVES = 0.05
-# one may stand where its poses have repeated for the first time, s, before its flight: nobody flies blindly for so
-# long. Of others, that repeat since before it or since it was in the air, those are old ones that have repeated for the
-# second time, s, if commands should have moved the drone so fast, m/s.
+# One may stand where its poses are rounded coarsely, or have repeated for the first time, s, before its flight: nobody
+# flies blindly for so long. Others that repeat since before it, or since it was in the air, for the second time, s, are
+# old ones if poses were fine before, or commands should have moved the drone so fast, m/s.
 _STOOD = 1.0
 _BLIND = 0.5, 1e-3
 # an orientation in the air that has turned about the vertical by this, rad, and this rate, rad/s, and in any time by
@@ -105,12 +105,13 @@ class PoseScreen:
         if still is not None and still.limit:
             return PoseRefusal.STILL, ("xyz"[still.axis], still.lasted, still.limit)
         if place != self._last[index]:
-            self._last[index], self._since[index] = place, stamp
-            self._stands[index], self._old[index] = True, False
+            self._last[index], self._since[index], self._old[index] = place, stamp, False
+            if airborne or not aloft:
+                self._stands[index] = airborne or self._stillness.is_coarse(index)
             return None if still is None else (PoseRefusal.OLD, ())
         lasted, commanded = stamp - self._since[index], math.hypot(*acceleration)
         if not airborne:
-            return self._repeated(index, lasted, math.hypot(*estimate[3:6]), aloft)
+            return self._repeated(index, lasted, commanded, math.hypot(*estimate[3:6]), aloft)
         if self._stillness.is_fine(index):
             moves = math.hypot(*estimate[3:6]) > _MOVES
             self._old[index] |= any(lasted >= time and commanded >= least for time, least in REPEATED)
@@ -123,23 +124,29 @@ class PoseScreen:
         return (PoseRefusal.OLD, ()) if moves else None
 
     def _repeated(
-        self, index: int, lasted: float, speed: float, aloft: bool
+        self, index: int, lasted: float, commanded: float, speed: float, aloft: bool
     ) -> tuple[PoseRefusal, tuple[float | str, ...]] | None:
         """Return `refuse` for a pose of a drone that is not steered in the air, which has repeated for some time, s.
 
         Args:
             index: which drone.
             lasted: s.
+            commanded: size of the acceleration, see `refuse`, m/s^2.
             speed: estimated, m/s.
             aloft: see `refuse`.
         """
         if not aloft:
-            self._stands[index] = lasted >= _STOOD
+            if not (commanded and self._stillness.is_fine(index)):  # else its flight has begun
+                self._stands[index] = lasted >= _STOOD or self._stillness.is_coarse(index)
         elif not self._stands[index]:
-            self._old[index] |= lasted >= _BLIND[0] and speed > _BLIND[1]
+            self._old[index] |= lasted >= _BLIND[0] and (speed > _BLIND[1] or self._stillness.is_fine(index))
         if self._old[index]:
             return PoseRefusal.REPEATED, ()
         return (PoseRefusal.OLD, ()) if aloft and not self._stands[index] and speed > _MOVES else None
+
+    def is_old(self, index: int) -> bool:
+        """Tell whether the newest pose of drone index was refused because it repeats."""
+        return bool(self._old[index])
 
     def complain(self, index: int, fault: PoseRefusal, now: float, *values: float | str) -> None:
         """Remember to tell about a refused pose, with the values of its text, once per event."""

@@ -57,7 +57,8 @@ class Senses:
             exchange=self._exchange, command_check=self._command_check,
         )  # fmt: skip
         self.strays = Strays(count)
-        self._free = np.zeros(count, dtype=bool)  # steered in the air, away from the ground
+        # steered in the air, away from the ground; or near it, and not about to stand on it
+        self._free, self._risen = np.zeros((2, count), dtype=bool)
 
     def set_clock_back(self, now: float) -> None:
         """Let nothing last longer because the clock was set back to now, s."""
@@ -92,7 +93,7 @@ class Senses:
 
         immobile = footing.held
         if any_of(footing.held) or any_of(self.sinking.stands):
-            immobile = footing.immobile(state, usable)
+            immobile = (footing.held | self.sinking.stands) & footing.immobile(state, usable)
         self._sight = Sight(
             height=state[:, 2],
             usable=usable,
@@ -102,7 +103,7 @@ class Senses:
             astray=self.strays.who,
             descended=self.sinking.descent.over(now, aloft, self.sinking.stands, immobile),
             grounded=footing.grounded,
-            resting=immobile & usable & footing.taken_over if any_of(immobile) else immobile,
+            resting=immobile & footing.taken_over if any_of(immobile) else immobile,
         )
         return self._sight
 
@@ -146,7 +147,7 @@ class Senses:
         measured: FloatArray | None = None,
         doubted: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Learn from one tick; return who is steered in the air, away from the ground, (N,).
+        """Learn from one tick; return who is steered and has left the ground, not to land on it now, (N,).
 
         Args:
             acceleration: (N, 3) commanded, m/s^2.
@@ -161,7 +162,7 @@ class Senses:
             doubted: (N,) who is flown softly in height, see `flight.doubt`; nobody by default.
         """
         if not self.looks.note(acceleration, error[:, 2]):
-            return np.asarray(self._free & flying)
+            return np.asarray(self._risen & flying)
         footing, strays, push = self.footing, self.strays, self.looks.take_push()
         period, upward, disturbance = self.looks.period, acceleration[:, 2], estimated[:, 6:]
         standing = footing.standing
@@ -193,7 +194,8 @@ class Senses:
         strays.tell(check.reports())
         strays.add(astray)
         self.sinking.learn(period, disturbance[:, 2], high & certain)
-        return self._free
+        self._risen = free | (flying & ~standing & ~landing)
+        return self._risen
 
     def take_turns(self) -> FloatArray:
         """Return by how much the yaws are to be corrected, (N,) rad, since the last call."""
@@ -237,7 +239,14 @@ class Senses:
         return self._sight is None or self.looks.looked
 
     def enter(
-        self, index: int, before: Mode, after: Mode, estimated: FloatArray, now: float, guidance: Guidance
+        self,
+        index: int,
+        before: Mode,
+        after: Mode,
+        estimated: FloatArray,
+        now: float,
+        guidance: Guidance,
+        repeated: bool = False,
     ) -> float | None:
         """Take note of a changed mode.
 
@@ -248,6 +257,7 @@ class Senses:
             estimated: (9,) of the drone.
             now: s.
             guidance: the ground below it.
+            repeated: its poses repeat, though it may move; they do not by default.
 
         Returns:
             The height, m, of the ground on which it is known to stand; None if nothing new is known of that.
@@ -256,7 +266,8 @@ class Senses:
         if after is Mode.LEVEL or (after is Mode.DESCEND and before is Mode.FLY):
             self.sinking.begin(
                 index, now, estimated, float(guidance.ground[index]), self.looks.acceleration[index],
-                held=bool(footing.held[index]), answers=after is Mode.DESCEND and bool(self.strays.who[index]),
+                held=bool(footing.held[index]), still=repeated and bool(footing.taken_over[index]),
+                answers=after is Mode.DESCEND and bool(self.strays.who[index]),
             )  # fmt: skip
         if after is Mode.FLY and before in AIRBORNE:
             self._gaps.resume(index)

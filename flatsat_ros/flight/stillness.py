@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 # poses whose coordinates change by less than this now and then, m, are fine
 _FINE = 5e-5
+_UNKNOWN = 1.0  # what changes are less than, m, before there were any
 # a coordinate of fine poses that repeats while so much, m/s^2, is commanded for so long, s, or a whole position that
 # repeats for so long while so much is commanded, is an old one; a coordinate in so many poses at least
 REPEATED = ((0.15, 0.05), (0.6, 1e-3))
@@ -55,18 +56,20 @@ class _Repeat:
 
     Attributes:
         since: stamp from which on, s.
+        free: stamp from which on, meanwhile, nothing kept it from moving, s.
         velocity: along it then, m/s.
         balance: acceleration commanded then, m/s^2.
         poses: number of repetitions.
         turns: how often another one turned back twice in succession meanwhile.
-        speed: change of velocity that was commanded since beyond the balance, m/s.
-        way: that velocity and this change have led so far since, m.
+        speed: change of velocity that was commanded since then beyond the balance, m/s.
+        way: that velocity and this change have led so far, m.
         duplicate: stamp from which on it is not taken in until it changes, s; infinite before.
         limit: see `Still`.
         weak: stamps, s, at which less than each size of `REPEATED` was commanded last.
     """
 
     since: float
+    free: float
     velocity: float
     balance: float
     poses: int = 0
@@ -87,7 +90,7 @@ class Stillness:
         self._changes = [(0.0, 0.0, 0.0)] * count  # at the last pose one of whose coordinates repeated, m
         self._turned = [(False, False, False)] * count  # which turned back there
         self._repeats: list[dict[int, _Repeat]] = [{} for _ in range(count)]  # by axis
-        self._finest = [1.0] * count  # least change of a coordinate so far, m
+        self._finest = [_UNKNOWN] * count  # least change of a coordinate so far, m
 
     def look(
         self,
@@ -157,16 +160,20 @@ class Stillness:
             if change:
                 repeats.pop(axis, None)
                 continue
-            one = repeats.setdefault(axis, _Repeat(before, estimate[3 + axis], acceleration[axis]))
-            one.speed += (acceleration[axis] - one.balance) * elapsed
-            one.way += (one.velocity + one.speed) * elapsed
+            one = repeats.setdefault(axis, _Repeat(before, before, estimate[3 + axis], acceleration[axis]))
+            if airborne or one.duplicate < math.inf:
+                one.speed += (acceleration[axis] - one.balance) * elapsed
+                one.way += (one.velocity + one.speed) * elapsed
+            else:
+                one.free, one.velocity, one.balance = stamp, estimate[3 + axis], acceleration[axis]
+                one.speed = one.way = 0.0
             for number, (_, least) in enumerate(REPEATED):
                 if abs(acceleration[axis]) < least:
                     one.weak[number] = stamp
             lives = any(changes)  # what repeats as a whole is another matter
             if lives:
                 one.poses, one.turns = one.poses + 1, one.turns + turns
-                if airborne and self._has_moved(index, one, stamp - one.since):
+                if airborne and self._has_moved(index, one, stamp - one.free):
                     one.duplicate = min(one.duplicate, stamp)
             if lives and not one.limit and one.poses >= _POSES:
                 one.limit = self._limit(index, one, stamp)
@@ -178,9 +185,13 @@ class Stillness:
         """Tell whether the poses of drone index are fine, as far as was seen."""
         return self._finest[index] <= _FINE
 
+    def is_coarse(self, index: int) -> bool:
+        """Tell whether the poses of drone index are seen to be rounded coarsely."""
+        return _FINE < self._finest[index] < _UNKNOWN
+
     def has_moved(self, index: int, stamp: float) -> bool:
         """Tell whether drone index, whose position repeats, should be elsewhere at a stamp, s."""
-        return any(self._has_moved(index, one, stamp - one.since) for one in self._repeats[index].values())
+        return any(self._has_moved(index, one, stamp - one.free) for one in self._repeats[index].values())
 
     def _has_moved(self, index: int, one: _Repeat, lasted: float) -> bool:
         least = max(self._counts(index, _DUPLICATE), (_MOVES[0] + _MOVES[1] * self._finest[index]) * lasted)

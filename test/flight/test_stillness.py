@@ -145,3 +145,13 @@ def test_of_a_hover_without_noise_in_poses_of_whole_millimetres_nothing_is_taken
     sway = 1.0 + amplitude * np.sin(2.0 * PERIOD * np.arange(300)[:, np.newaxis] * [1.0, 1.7, 2.3])
     whole = 1e-3 * np.round(sway / 1e-3)
     assert first_still(whole, velocity=velocity, acceleration=acceleration) == (math.inf, -1)
+
+
+def test_what_a_drone_did_before_it_stood_moves_nothing_when_it_flies() -> None:
+    """In whole millimetres, without noise, y repeats from a touch-down on, and goes on to in the next climb."""
+    stillness = Stillness(1)
+    for number in range(1300):
+        time, climbing = number * PERIOD, max(number * PERIOD - 12.0, 0.0)
+        place = (1e-3 * round(12.0 * climbing), 0.1, 1e-3 * round(300.0 * climbing))
+        estimate = [0.0, 0.0, 0.0, 0.0, 0.2 if number < 10 else 0.0, 0.0, 0.0, 0.0, 0.0]
+        assert stillness.look(0, time, place, (0.0, 0.0, 0.3), estimate, climbing > 0.0) is None

@@ -136,3 +136,35 @@ def test_on_a_table_poses_may_repeat(noise: float, step: float) -> None:
     flight.pass_by(8.0)
     assert flight.pilot.mode[0] == Mode.FLY
     assert flight.fleet.bodies.position[0, 2] == pytest.approx(1.25, abs=0.03)
+
+
+@pytest.mark.parametrize(("thrust", "told_since"), [(1.1, 0.3), (0.9, 1.8), (1.0, 1.8), (1.1, 1.8)])
+def test_whoever_leaves_the_ground_as_its_poses_begin_to_repeat_comes_down_without_harm(
+    thrust: float, told_since: float
+) -> None:
+    """Before, or when it is a few centimetres high, where nothing else shows that it goes on climbing."""
+    flight = Flight("cf21_adaptive_50hz", thrust, 0.0)
+    flight.pass_by(1.0)
+    flight.pilot.take_off(0, 1.0)
+    flight.pass_by(told_since)
+    flight.link.poses.append(repeated())
+    flight.pass_by(40.0 if told_since < 1.0 else 12.0)
+    assert flight.fleet.bodies.grounded.all()
+    assert max([0.0, *flight.stopped]) < 0.01
+    assert flight.record.impact[0] <= HOPPING
+    assert any("the same pose again" in text or "not seen to leave" in text for text in flight.told)
+
+
+@pytest.mark.parametrize(("thrust", "seconds"), [(1.0, 2.0), (1.1, 2.0)])
+def test_whoever_was_taken_over_where_it_hovers_is_not_flown_on_poses_that_begin_to_repeat(
+    thrust: float, seconds: float
+) -> None:
+    flight = Flight("cf21_adaptive_50hz", thrust, HEIGHT)
+    flight.pass_by(0.3)
+    flight.pilot.set_goal(0, np.array([0.0, 0.0, HEIGHT]))
+    flight.pass_by(seconds)
+    flight.link.poses.append(repeated())
+    flight.pass_by(12.0)
+    assert any("the same pose again" in text for text in flight.told)
+    assert flight.fleet.bodies.grounded.all()
+    assert flight.record.impact[0] <= SINKING
