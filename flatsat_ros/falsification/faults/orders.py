@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -157,7 +158,7 @@ def _goal_here(scene: Scene) -> None:
         scene.go_to(drone, scene.place[drone])
 
 
-def _taken_over(name: str, meaning: str, fault: Action) -> Fault:
+def _taken_over(name: str, meaning: str, fault: Action, **more: Any) -> Fault:
     """Return a fault of a controller that starts in flight and shall hold the drones where they are."""
     return Fault(
         f"taken_over_{name}",
@@ -166,6 +167,7 @@ def _taken_over(name: str, meaning: str, fault: Action) -> Fault:
         # as of those that took off; of two, a metre apart, that both go astray by as much nobody keeps them apart
         Criteria(End.SAFE, told=r"pose|yaw|axis|sign|command|innovation|predict", separation=0.0),
         victims=ALL,
+        **more,
     )
 
 
@@ -286,6 +288,12 @@ ORDER_FAULTS = (
         "yaw_90deg", "orientations are 90 degrees off about z", poses(lambda _: faults.turned(math.pi / 2.0), ALL)
     ),
     _taken_over("pitch_negated", "the pitch has the other sign", commands(lambda _: faults.pitch_negated(*ALL))),
+    _taken_over(
+        "repeated",
+        "motion capture gives each drone's pose then again and again, with fresh stamps",
+        poses(lambda _: faults.repeated(), ALL),
+        watched=45.0,  # none knows how they moved: they get ever less thrust, for half a minute
+    ),
     *(
         Fault(
             f"ctrl_c_{height:g}m",

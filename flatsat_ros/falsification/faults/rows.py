@@ -23,6 +23,7 @@ from flatsat_ros.falsification.faults.phases import PLANS, STANDING, Phase
 from flatsat_ros.falsification.faults.scene import Scene
 from flatsat_ros.falsification.faults.table import EXISTING, FAULTS
 from flatsat_ros.falsification.workers import results_of
+from flatsat_ros.flight.modes import AIRBORNE
 
 SEED = 1
 _RESTING = 4.0  # s after which drones that stand on the floor are not watched any more
@@ -155,6 +156,8 @@ def _watch(scene: Scene, fault: Fault, begin: float) -> None:
     with np.errstate(all="ignore"):  # see _reach
         while scene.time < end and scene.time - max(scene.record.resting_since, last, scene.acted) < _RESTING:
             scene.let_pass(_SLICE)
+            if scene.pilot is not None and np.isin(scene.pilot.mode, AIRBORNE).any():
+                last = scene.time  # who is on the floor does not stand yet
 
 
 def _judged(name: str, phase: Phase, scene: Scene, begin: float) -> Row:
