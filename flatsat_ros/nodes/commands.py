@@ -17,9 +17,10 @@ from flatsat_ros.nodes.last_resort import LastResort
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.runtime import ENDING_TIME, ProgramNode
 
-# Who takes commands learns of their sender later than the sender of it, and what is sent before is lost: of 150 links
-# of ten topics, on two cores under a load of 6, up to 0.1 s. After so long, s, both know.
-_MATCHING_TIME = 0.5
+# Who takes commands may know of their sender later than the sender of it, and a receiver that keeps the newest command
+# alone may be so late that it overtakes all zeros of 0.3 s: two cores, ten drones, a load of 3. For so long, s, what
+# arrives of a stream that begins is not counted.
+STARTING_TIME = 0.7
 
 
 class Commands:
@@ -51,7 +52,7 @@ class Commands:
         self._node, self._robots, self._vehicles = node, robots, vehicles
         self._backend_of, self._yaw_mode = backend_of, yaw_mode
         self._message, topic = Twist(), interfaces.COMMAND
-        self._taken_since = [math.inf] * len(robots)  # s
+        self._taken_since = [math.inf] * len(robots)  # s, since the stream began
         self._publishers = [node.create_publisher(topic.kind, topic.of(robot), topic.publish) for robot in robots]
 
     def send(self, index: int, command_of: Callable[[int], Command | None]) -> None:
@@ -72,13 +73,18 @@ class Commands:
             if last is not None:
                 self._publish(index, last)
 
-    def matching(self, index: int, now: float) -> float:
-        """Look at time now, s, whether somebody takes a drone's commands; return in how many s they arrive, or inf."""
-        if self._publishers[index].get_subscription_count() == 0:
-            self._taken_since[index] = math.inf
-            return math.inf
-        self._taken_since[index] = min(now, self._taken_since[index])
-        return max(self._taken_since[index] + _MATCHING_TIME - now, 0.0)
+    def is_taken(self, index: int) -> bool:
+        """Tell whether somebody takes the commands of a drone."""
+        return bool(self._publishers[index].get_subscription_count() > 0)
+
+    def begin(self, index: int) -> None:
+        """Take note that a stream of commands to a drone begins."""
+        self._taken_since[index] = math.inf
+
+    def arrive(self, index: int, now: float) -> bool:
+        """Tell, at time now, s, whether a drone's commands have been taken for long enough to count on them."""
+        self._taken_since[index] = min(now, self._taken_since[index]) if self.is_taken(index) else math.inf
+        return now - self._taken_since[index] >= STARTING_TIME
 
     def flush(self) -> None:
         """Wait until what was sent is acknowledged, for a limited time."""

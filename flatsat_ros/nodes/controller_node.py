@@ -6,7 +6,6 @@ drone's messages or commands break ends with that drone; if the common step brea
 
 from __future__ import annotations
 
-import math
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -24,7 +23,7 @@ from flatsat_ros.flight.supervisor import UNLOCKING_ZEROS
 from flatsat_ros.flight.tick import Tick
 from flatsat_ros.flight.trajectory import Trajectory
 from flatsat_ros.nodes.backends import Backends
-from flatsat_ros.nodes.commands import Commands
+from flatsat_ros.nodes.commands import STARTING_TIME, Commands
 from flatsat_ros.nodes.controller_setup import declare_setup
 from flatsat_ros.nodes.crazyswarm import HAND_OVER_FORCE, SETTLING_TIME, DroneLink
 from flatsat_ros.nodes.drone_status import DroneStatus
@@ -165,11 +164,10 @@ class ControllerNode(ProgramNode):
         """Allow or forbid take-off, and arm or disarm the drone itself; return what happens now."""
         self._pilot.arm(index, wanted)
         told = self._links[index].arm(wanted)
-        seconds = self._commands.matching(index, self._stamps.now) + self._unlock_time()
-        if self._pilot.is_opening(index) and seconds == math.inf:
-            told += f"; the thrust lock opens once somebody takes the commands of {self.robots[index]}"
+        if self._pilot.is_opening(index) and self._commands.is_taken(index):
+            told += f"; the thrust lock opens: let others fly the drone after {self._unlock_time():.2f} s"
         elif self._pilot.is_opening(index):
-            told += f"; the thrust lock opens: let others fly the drone after {seconds:.2f} s"
+            told += f"; the thrust lock opens once somebody takes the commands of {self.robots[index]}"
         elif wanted and self._pilot.mode[index] == Mode.IDLE and not self._pilot.is_seen(index):
             told += "; its place is not known: once it is, arm it again to open its thrust lock"
         return told
@@ -178,7 +176,7 @@ class ControllerNode(ProgramNode):
         """Return how long it takes until others may fly a drone that is armed, s."""
         # zero thrust from the next tick on, the tick after it, the notice that no more follows
         zeros = max(self._setup.policy.unlock_time, UNLOCKING_ZEROS * self._certificate.period)
-        return zeros + 2.0 * self._certificate.period + SETTLING_TIME
+        return STARTING_TIME + zeros + 2.0 * self._certificate.period + SETTLING_TIME
 
     def _hand_over(self, index: int) -> None:
         """Fall silent about a drone, and let it stay where it is if its link has a way to.
@@ -250,7 +248,7 @@ class ControllerNode(ProgramNode):
                 self._log.report(self.robots[drone], text)
         with self.faults.contain("links"):
             for index in map(int, np.flatnonzero(self._pilot.mode == Mode.UNLOCK.value)):
-                self._pilot.note_link(index, self._commands.matching(index, self._stamps.now) == 0.0)
+                self._pilot.note_link(index, self._commands.arrive(index, self._stamps.now))
         tick = self._step()
         for index in range(len(self.robots)):
             self._commands.send(index, _silent if tick is None else tick.command)
@@ -291,6 +289,7 @@ class ControllerNode(ProgramNode):
                 self._log.transition(robot, transition, self._status.held(index))
                 self._rivals.follow(index, after)
                 if after is Mode.UNLOCK:
+                    self._commands.begin(index)
                     self._backends.look(index)
                 if after is not Mode.IDLE:
                     link.reclaim()
@@ -305,8 +304,6 @@ class ControllerNode(ProgramNode):
             with self.faults.contain(f"{robot}/services"):
                 self._links[index].find_services(offered)
                 self._backends.look(index)
-            with self.faults.contain(f"{robot}/command"):
-                self._commands.matching(index, self._stamps.now)
         with self.faults.contain("pose sources"):
             self._sources.look()
             self._others.look()

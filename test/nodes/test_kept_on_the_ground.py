@@ -83,11 +83,28 @@ def test_a_drone_whose_commands_arrive_a_while_after_somebody_takes_them_is_unlo
     assert lab.ask("cf1/flatsat/takeoff").success
     lab.run(taken_after)
     link["taken"] = True
-    lab.run(0.4)
+    lab.run(0.6)
     link["heard"] = True
     lab.run(6.0)
     assert lab.fleet.bodies.position[0, 2] > 0.3
     assert [line.split(": ")[2] for line in transitions(capfd)] == ["IDLE -> UNLOCK", "UNLOCK -> FLY"]
+
+
+def test_who_takes_the_newest_command_alone_and_is_late_by_up_to_a_second_gets_a_zero(room: Callable[..., Room]) -> None:
+    lab = room()
+    for _ in range(2):  # from IDLE, and once more when nothing has been sent for a while
+        lab.run(0.5)
+        sent = len(lab.wires[0].sent)
+        assert lab.ask("cf1/flatsat/takeoff").success
+        lab.run(0.98)
+        thrusts = [setpoint.thrust for setpoint in lab.wires[0].sent[sent:]]
+        assert len(thrusts) >= 48
+        assert not any(thrusts)
+        lab.run(5.0)
+        assert lab.fleet.bodies.position[0, 2] > 0.3
+        assert lab.ask("cf1/flatsat/land").success
+        lab.run(12.0)
+        assert lab.modes[0] is Mode.IDLE
 
 
 def test_who_arms_a_drone_is_told_when_others_may_fly_it(
