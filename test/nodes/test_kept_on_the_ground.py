@@ -173,7 +173,7 @@ def test_while_another_sends_set_points_or_poses_no_drone_takes_off(
     assert "cf2" not in answer.message
     lab.goal("cf1", 0.0, 0.0, 1.0)
     assert "stop all but one" in lab.node.faults.newest("cf1")
-    lab.run(1.0)
+    lab.run(1.5)
     assert lab.modes == [Mode.IDLE, Mode.FLY]
     status, _ = lab.node._report(0)
     assert status.level is Level.ERROR
@@ -221,7 +221,7 @@ def test_a_rival_that_appears_before_the_motors_start_calls_the_take_off_off(
     lab.run(2.0)
     assert lab.modes[0] is Mode.IDLE, "motors start when somebody asks for it only"
     lab.goal("cf1", 0.0, 0.0, 1.0)
-    lab.run(1.0)
+    lab.run(1.5)
     assert lab.modes[0] is Mode.FLY
 
 

@@ -117,7 +117,7 @@ class Room:
         self.run(0.5)
         for robot in robots:
             self.goal(robot, float(robot == "cf2"), 0.0, 1.0)
-        self.run(6.0)
+        self.run(7.0)
         assert all(abs(self.fleet.bodies.position[int(robot[2]) - 1, 2] - 1.0) < 0.1 for robot in robots)
 
     def impact(self, seconds: float) -> list[float]:
