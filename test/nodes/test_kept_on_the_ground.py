@@ -90,7 +90,7 @@ def test_a_drone_whose_commands_arrive_a_while_after_somebody_takes_them_is_unlo
     assert [line.split(": ")[2] for line in transitions(capfd)] == ["IDLE -> UNLOCK", "UNLOCK -> FLY"]
 
 
-def test_who_takes_the_newest_command_alone_and_is_late_by_up_to_a_second_gets_a_zero(room: Callable[..., Room]) -> None:
+def test_who_takes_the_newest_command_alone_and_is_late_by_a_second_gets_a_zero(room: Callable[..., Room]) -> None:
     lab = room()
     for _ in range(2):  # from IDLE, and once more when nothing has been sent for a while
         lab.run(0.5)
