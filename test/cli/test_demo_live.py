@@ -112,6 +112,8 @@ def test_a_node_that_dies_in_flight_fails_the_demo_and_leaves_no_process(
     live: subprocess.Popen[str], tmp_path: Path
 ) -> None:
     nodes = flying(live, tmp_path)
+    logs = [tmp_path / "log" / f"sim_drone_cf{number}.log" for number in (1, 2, 3)]
+    wait_for(live, lambda: all("simulating cf" in log.read_text(encoding="utf-8") for log in logs))
     os.kill(dict(nodes)["flatsat_ros.nodes.sim_drone"], signal.SIGKILL)
     _, errors = live.communicate(timeout=60)
     assert live.returncode == 2
