@@ -65,9 +65,9 @@ def write_flight(arguments: argparse.Namespace, output: Path | None) -> None:
                 way_out += f" or above {voltage:.3g} V under load, not {vehicle.voltage:.3g} V"
         raise refusal("margin of the reference", margin, "m/s^2", f"above {_DISTURBANCE} m/s^2: {way_out}")
     axes = []
-    for name, plants in kinds.items():
+    for kind, plants in kinds.items():
         goal = Goal(period, gain, _SHARE * room, assumptions)
-        print(f"searching the {name} design", file=sys.stderr, flush=True)
+        print(f"searching the {kind} design", file=sys.stderr, flush=True)
         axes.append(searched(goal, plants, _progress(), seconds))
     design = FlightDesign(limits, gain, margin, _DISTURBANCE, _RETURN_RATE, assumptions, *axes)
     certificate = proved(design, name, {"inputs": {"vehicle": vehicle.name, "assume": assume}})

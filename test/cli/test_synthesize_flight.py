@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from flatsat_ros.base.errors import FlatsatError
 from flatsat_ros.cli.synthesize import main
 
 pytestmark = pytest.mark.in_process
@@ -30,3 +31,21 @@ def test_what_cannot_be_is_refused_at_once(
     assert main(arguments) == 2
     assert text in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("given", "expected"), [((), "mine"), (("--name", "other"), "other")])
+def test_a_certificate_has_the_name_that_is_given_or_that_of_its_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: tuple[str, ...], expected: str
+) -> None:
+    """The search, minutes long, is left out: here only what it is told counts."""
+    names: list[str] = []
+
+    def proved(_: object, name: str, __: object) -> None:
+        names.append(name)
+        raise FlatsatError("enough is known")
+
+    monkeypatch.setattr("flatsat_ros.synthesis.flight_trade.searched", lambda *_: None)
+    monkeypatch.setattr("flatsat_ros.synthesis.flight_design.FlightDesign", lambda *_: None)
+    monkeypatch.setattr("flatsat_ros.synthesis.flight_trade.proved", proved)
+    assert main(["--flight", "--vehicle", "cf21", "--output", str(tmp_path / "mine.yaml"), *given]) == 2
+    assert names == [expected]
