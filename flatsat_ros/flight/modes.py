@@ -67,7 +67,7 @@ class Situation:
         fell: it falls, or lies still, against the command.
         astray: it does not move as it is commanded to: its poses or its attitude are not what they seem.
         descended: it has sunk without position for as long as its last known height needs.
-        rearmed: a person armed it.
+        rearmed: a person called `flatsat/arm` for it; the drone itself may have refused.
         grounded: it was unlocked and has not left the ground yet.
         linked: somebody takes its commands, as far as is known.
         taken: s for which somebody has taken the commands of the mode without a break, ten at least.
@@ -130,7 +130,7 @@ class Event(Enum):
     TAKE_OVER = "a reference is there and the drone is in the air"
     TAKE_OFF = "a reference is there and the drone stands on the ground"
     START_AGAIN = "a new reference is there"
-    ARMED = "armed on the ground"
+    ARMED = "flatsat/arm was called and the drone stands on the ground"
     NOTHING_TO_DO = "nothing to fly"
     UNHEARD = "given up: nobody takes its commands"
     TAKE_OFF_LOST = "the take-off is given up: no usable pose"
@@ -150,7 +150,7 @@ class Event(Enum):
     ASTRAY_DOWN = "it has sunk, as it did not move as commanded: motors stopped until armed"
     DESCENDED = "it has sunk for as long as its last known height needs: motors stopped"
     RESTED = "rested after the landing"
-    REARMED = "armed again"
+    REARMED = "flatsat/arm was called: it may take off again"
 
 
 # When an event happens: each of these terms, attributes of `Situation`, is true, or false after a "not".

@@ -21,6 +21,7 @@ from functools import partial
 import cflib.crtp
 from cflib.crazyflie import Crazyflie
 from cflib.crazyflie.log import LogConfig
+from cflib.crtp.crtpstack import CRTPPacket, CRTPPort
 
 from flatsat_ros.base.errors import one_line
 from flatsat_ros.crazyflie.link import QUALITY, Address
@@ -34,6 +35,7 @@ _STATUS_PERIOD = 500  # ms, of battery and supervisor
 _CONSOLE_LINES = 5
 DEAD_STREAM = 2.0  # s without a report that was asked for, of a drone that is heard
 CONSOLE_CHARACTERS = 300  # of one line
+_ARMING_ANSWERED = 0x81  # crtp_supervisor.c: CMD_ARM_SYSTEM, answered; then whether it was done
 _CFLIB_PREFIX = "Couldn't load link driver: "
 
 POSITION = ("stateEstimate.x", "stateEstimate.y", "stateEstimate.z")
@@ -241,6 +243,7 @@ class Link:
         """Hear what the drone says unasked."""
         cf.packet_received.add_callback(cf.note_packet)
         cf.console.receivedChar.add_callback(self._on_console)
+        cf.add_port_callback(CRTPPort.SUPERVISOR, self._on_supervisor)
         cf.link_statistics.link_quality_updated.add_callback(partial(self.values.__setitem__, QUALITY))
         cf.link_statistics.latency_updated.add_callback(partial(self.values.__setitem__, "latency ms"))
 
@@ -291,6 +294,11 @@ class Link:
 
     def _on_estimate(self, data: dict[str, float]) -> None:
         self._on_pose(tuple(data[name] for name in POSITION), tuple(data[name] for name in QUATERNION))
+
+    def _on_supervisor(self, packet: CRTPPacket) -> None:
+        """Tell of a request to arm that was refused: none to disarm ever is."""
+        if bytes(packet.data[:2]) == bytes([_ARMING_ANSWERED, False]):
+            self._tell("the drone refuses to arm")
 
     def _on_console(self, text: str) -> None:
         """Collect lines from the pieces that packets hold; one that does not end is told in parts."""

@@ -131,6 +131,23 @@ def test_every_event_is_in_the_table_and_leads_somewhere_else() -> None:
     assert all(after is not mode for mode, rows in TABLE.items() for _, after in rows)
 
 
+@pytest.mark.parametrize(
+    ("fallen", "steps"),
+    [
+        (False, ["IDLE -> UNLOCK: flatsat/arm was called and the drone stands on the ground"]),
+        (True, ["FALLEN -> IDLE: flatsat/arm was called: it may take off again"]),
+    ],
+)
+def test_what_is_told_of_arming_is_what_is_known_as_the_drone_itself_may_refuse(fallen: bool, steps: list[str]) -> None:
+    supervisor = Supervisor(POLICY, 1)
+    if fallen:
+        supervisor.mode[0] = Mode.FALLEN
+    supervisor.arm(0, True, 0.0)
+    flags = dict.fromkeys(Sight._fields, np.zeros(1, dtype=bool))
+    made = supervisor.advance(0.0, Sight(**flags | {"height": np.zeros(1), "usable": np.ones(1, dtype=bool)}))
+    assert [f"{before.name} -> {after.name}: {reason}" for _, before, after, reason in made] == steps
+
+
 situations = st.tuples(st.floats(0.0, 2.0), *(st.booleans(),) * len(FLAGS))
 
 

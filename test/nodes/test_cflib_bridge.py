@@ -301,15 +301,21 @@ def test_an_emergency_stop_is_for_one_or_for_all_and_for_good(simulate: Simulate
     assert process.stop() == 0
 
 
-def test_arming_goes_to_the_drone(simulate: Simulate, lab: Lab) -> None:
+def test_arming_goes_to_the_drone_whose_refusal_is_told(simulate: Simulate, lab: Lab) -> None:
     drones = simulate(vehicle="brushless")
-    bridge(lab, drones, vehicle="brushless")
+    process = bridge(lab, drones, vehicle="brushless")
     poses = lab.watch(interfaces.POSE, "cf1")
     lab.wait(lambda: poses, "a connection")
     assert not drones.fleet.firmware.armed[0]
     for wanted in (True, False):
         assert lab.ask(SetBool, "cf1/arm", data=wanted).success
         lab.wait(lambda wanted=wanted: drones.fleet.firmware.armed[0] == wanted, f"armed to be {wanted}")
+    assert "refuses" not in process.output
+    with drones.lock:
+        drones.fleet.firmware.request_emergency(0)
+    lab.wait(lambda: state(drones) == State.LOCKED, "the drone to be locked")
+    assert lab.ask(SetBool, "cf1/arm", data=True).message == "sent"
+    lab.wait(lambda: "cf1: the drone refuses to arm" in process.output, "its refusal")
 
 
 def test_a_flight_survives_lost_packets(simulate: Simulate, lab: Lab) -> None:

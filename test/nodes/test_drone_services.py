@@ -18,7 +18,7 @@ def test_an_emergency_stops_one_flying_drone_or_all_until_reboot(lab: Lab) -> No
     poses = {robot: lab.watch(interfaces.POSE, robot) for robot in robots}
     battery, status = lab.watch(interfaces.BATTERY, "cf1"), lab.watch_diagnostics("sim_drone: cf1")
     lab.start("sim_drone", robot_names=list(robots))
-    lab.fly(*robots)
+    controller = lab.fly(*robots)
 
     def height(robot: str) -> float:
         return float(poses[robot][-1].pose.position.z) if poses[robot] else -1.0
@@ -33,6 +33,9 @@ def test_an_emergency_stops_one_flying_drone_or_all_until_reboot(lab: Lab) -> No
     lab.wait(lambda: height("cf2") < 0.01, "the fall of the other one")
     lab.listen(1.0)
     assert max(map(height, robots)) < 0.01, "latched, whatever the controller sends"
+    lab.ask(SetBool, interfaces.service_of("cf1", interfaces.ARM), data=True)
+    lab.wait(lambda: "cf1: arming refused in state LOCKED" in controller.output, "the refusal of the drone itself")
+    lab.wait(lambda: "cf1: FALLEN -> IDLE: flatsat/arm was called" in controller.output, "what that leaves")
     assert lab.ask(Trigger, "cf1/reboot").success
     lab.wait(lambda: status[-1].message != "motors off until reboot", "the reboot")
     assert battery[-1].voltage == pytest.approx(4.0, abs=0.5)
