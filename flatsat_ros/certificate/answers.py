@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,9 +46,6 @@ _PERIODS_MAX = 20_000
 # computed stays near the processor.
 _BATCH = 8
 
-# Of one factor, for all loops: sums and largest values of the signals, and those at the vertices.
-Found = list[tuple[FloatArray, ...]]
-
 
 @dataclass(frozen=True)
 class Answers:
@@ -69,21 +67,10 @@ class Answers:
     vertex_peaks: FloatArray
 
 
-def answers(
-    A: Enclosure,
-    B: Enclosure,
-    starts: Enclosure,
-    signals: Enclosure,
-    steps: Enclosure,
-    kicks: Enclosure,
-    vertices: FloatArray,
-    factors: Sequence[float] = (1.0,),
-    plain: int = 0,
-    coarse: bool = False,
-) -> list[Answers]:
-    """Return bounds, hardly above the true values, of the responses of loops, for each of some factors.
+class AnsweringLoops(NamedTuple):
+    """N loops z+ = A z + B w, and how they change with parameters.
 
-    Args:
+    Attributes:
         A: (N, n, n).
         B: (N, n, m).
         starts: (N, n, k) Z.
@@ -92,21 +79,52 @@ def answers(
         kicks: (N, d, n, f) derivatives of the first f columns of B. The responses to these and to the starts are
             bounded at the vertices, too.
         vertices: (N, V, d) points of the parameters.
+    """
+
+    A: Enclosure
+    B: Enclosure
+    starts: Enclosure
+    signals: Enclosure
+    steps: Enclosure
+    kicks: Enclosure
+    vertices: FloatArray
+
+    def some(self, which: slice) -> AnsweringLoops:
+        """Return some of them."""
+        return AnsweringLoops._make(part[which] for part in self)
+
+    def moving(self) -> AnsweringLoops:
+        """Return them without the parameters that are at all vertices what they are in the middle."""
+        moving = self.vertices.any(axis=(0, 1))
+        steps, kicks = self.steps[:, moving], self.kicks[:, moving]
+        return self._replace(steps=steps, kicks=kicks, vertices=self.vertices[..., moving])
+
+    def in_coordinates(self, modes: FloatArray) -> AnsweringLoops:
+        """Return them with z = G z', G (N, n, n)."""
+        away = inverse(modes)
+        A, steps = away @ self.A @ modes, away[:, None] @ self.steps @ modes[:, None]
+        B, starts, kicks = away @ self.B, away @ self.starts, away[:, None] @ self.kicks
+        return AnsweringLoops(A, B, starts, self.signals @ modes, steps, kicks, self.vertices)
+
+
+def answers(
+    loops: AnsweringLoops, factors: Sequence[float] = (1.0,), plain: int = 0, coarse: bool = False
+) -> list[Answers]:
+    """Return bounds, hardly above the true values, of the responses of loops, for each of some factors.
+
+    Args:
+        loops: N of them.
         factors: at least 1, by which z+ is multiplied in every period: of the loop with r A, r B and so on.
         plain: e, the number of last rows of C without vertex bounds.
         coarse: whether bounds may be some hundredths too large, which takes a third of the time.
     """
-    count, moving = len(A.mid), vertices.any(axis=(0, 1))  # the other parameters are what they are in the middle
-    steps, kicks, vertices = steps[:, moving], kicks[:, moving], vertices[..., moving]
-    fading, found = None, []
+    loops, fading, found = loops.moving(), None, []
     with np.errstate(all="ignore"):  # the sums of unstable loops overflow
         if coarse:
-            modes, fading = modes_of(A.mid)
-            away = inverse(modes)
-            A, signals, steps = away @ A @ modes, signals @ modes, away[:, None] @ steps @ modes[:, None]
-            B, starts, kicks = away @ B, away @ starts, away[:, None] @ kicks
-        for s in (slice(i, i + _BATCH) for i in range(0, count, _BATCH)):
-            sums = _Sums(A[s], B[s], starts[s], signals[s], steps[s], kicks[s], vertices[s], factors, plain)
+            modes, fading = modes_of(loops.A.mid)
+            loops = loops.in_coordinates(modes)
+        for s in (slice(i, i + _BATCH) for i in range(0, len(loops.A.mid), _BATCH)):
+            sums = _Sums(loops.some(s), factors, plain)
             found.append(sums.all(None if fading is None else fading[s]))
     return [
         Answers(*(np.concatenate([np.asarray(getattr(part, name)) for part in same]) for name in _NAMES))
@@ -120,18 +138,8 @@ _NAMES = ("sums", "peaks", "vertex_sums", "vertex_peaks")
 class _Sums:
     """The sums of a few loops."""
 
-    def __init__(
-        self,
-        A: Enclosure,
-        B: Enclosure,
-        starts: Enclosure,
-        signals: Enclosure,
-        steps: Enclosure,
-        kicks: Enclosure,
-        vertices: FloatArray,
-        factors: Sequence[float],
-        plain: int,
-    ) -> None:
+    def __init__(self, loops: AnsweringLoops, factors: Sequence[float], plain: int) -> None:
+        A, B, starts, signals, steps, kicks, vertices = loops
         N, n, m = B.shape
         d, f, k = kicks.shape[1], kicks.shape[3], starts.shape[2]
         self.shape = N, n, m, k, f

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
-from flatsat_ros.certificate.answers import answers
+from flatsat_ros.certificate.answers import AnsweringLoops, answers
 from flatsat_ros.certificate.enclosures import UP, Enclosure, concatenate, decimal, enclosed, upper
 from flatsat_ros.certificate.flight_batch import Cells, exponential_norm
 
@@ -113,7 +113,7 @@ class CellSums:
         else:
             factors.append(faster)
         count = len(steps.mid)
-        self._found = answers(
+        loops = AnsweringLoops(
             _batch(loop.matrix(gain), count),
             _batch(inputs, count),
             _batch(Enclosure(starts), count),
@@ -121,10 +121,8 @@ class CellSums:
             steps @ command,
             kicks,
             self._vertices,
-            factors,
-            plain,
-            cells.coarse,
         )
+        self._found = answers(loops, factors, plain, cells.coarse)
         self._direct = enclosed(others[..., size]).size
         self._take(0)
 

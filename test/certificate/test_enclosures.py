@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from flatsat_ros.certificate import answers as sums
 from flatsat_ros.certificate import enclosures
-from flatsat_ros.certificate.answers import answers
+from flatsat_ros.certificate.answers import AnsweringLoops, answers
 from flatsat_ros.certificate.enclosures import Enclosure, decimal, exponential, exponential_above, sine, upper
 from flatsat_ros.certificate.running_sums import implied
 
@@ -97,7 +97,7 @@ def loop_holds(seed: int, forgets: bool, coarse: bool = False) -> bool:
         A, step = 0.5 * A / np.abs(np.linalg.eigvals(A)).max(), 0.1 * step
     vertices = np.array([[0.3], [-0.3]])
     factors = (1.0, 1.125)  # without a last digit that is lost
-    found = answers(
+    loops = AnsweringLoops(
         Enclosure(A[None]),
         Enclosure(B[None]),
         Enclosure(start[None]),
@@ -105,10 +105,8 @@ def loop_holds(seed: int, forgets: bool, coarse: bool = False) -> bool:
         Enclosure(step[None]),
         Enclosure(kick[None]),
         vertices[None],
-        factors,
-        plain=1,
-        coarse=coarse,
     )
+    found = answers(loops, factors, plain=1, coarse=coarse)
     if not all(np.isfinite(part.sums).all() for part in found):
         return not forgets
     pairs = []
@@ -148,7 +146,8 @@ def test_nor_does_one_that_remembers_for_many_chunks(seed: int, coarse: bool) ->
     none = Enclosure(np.zeros((1, 2, 0)))
     given_parts = (Enclosure(part) for part in (A[None], B[None], C[None], step[None, None], kick[None, None]))
     loop, inputs, signals, steps, kicks = given_parts
-    found = answers(loop, inputs, none, signals, steps, kicks, vertices, (1.0, 1.0078125), coarse=coarse)
+    loops = AnsweringLoops(loop, inputs, none, signals, steps, kicks, vertices)
+    found = answers(loops, (1.0, 1.0078125), coarse=coarse)
     factor, grown = Fraction(1.0078125), Fraction(1)
     x, dx = exact(B), exact(kick)
     total, more, bent = exact(np.zeros((2, 2))), exact(np.zeros((2, 2))), exact(np.zeros((2, 2)))

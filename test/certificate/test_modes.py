@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flatsat_ros.certificate import answers as sums
-from flatsat_ros.certificate.answers import Answers, answers
+from flatsat_ros.certificate.answers import AnsweringLoops, Answers, answers
 from flatsat_ros.certificate.enclosures import Enclosure
 from flatsat_ros.certificate.modes import inverse, modes_of
 
@@ -80,7 +80,7 @@ def found(A: np.ndarray, random: np.random.Generator, coarse: bool) -> list[Answ
     step, kick = 1e-3 * random.standard_normal((1, 1, n, n)), random.standard_normal((1, 1, n, 2))
     start, vertices = np.eye(n)[None, :, :1], np.array([[[0.3], [-0.3]]])
     given = (Enclosure(part) for part in (A[None], B, start, C, step, kick))
-    return answers(*given, vertices, (1.0, 1.005), 1, coarse)
+    return answers(AnsweringLoops(*given, vertices), (1.0, 1.005), 1, coarse)
 
 
 @settings(max_examples=20, deadline=None)
