@@ -73,7 +73,7 @@ class CflibBridge(ProgramNode):
 
     def __init__(self) -> None:
         """Read the parameters, take the drones, connect."""
-        super().__init__("cflib_bridge")
+        super().__init__(interfaces.BRIDGE_NODE)
         cflib_link = _import_links()
         robots = declare_robots(self)
         self.robots = [robot.name for robot in robots]

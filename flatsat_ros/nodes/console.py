@@ -30,7 +30,6 @@ from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 from flatsat_ros.viewing.page import json_value, page_of_console
 from flatsat_ros.viewing.server import Broadcast, ConsoleServer
 
-NODE = "flatsat_console"
 _PERIOD = 0.05  # s, between two pictures
 _LINES = 200  # of the log, kept for pages that come later
 _LINE_LENGTH = 4000  # characters
@@ -48,7 +47,7 @@ class Console(ProgramNode):
 
     def __init__(self) -> None:
         """Begin to serve the page."""
-        super().__init__(NODE)
+        super().__init__(interfaces.CONSOLE_NODE)
         port = declare(self, "port", 8410, "of the page, on 127.0.0.1; 0 takes a free one", bounds=(0, 65535))
         require_known_parameters(self)
         self._robots: list[str] = []

@@ -39,7 +39,7 @@ class MocapPlayer(ProgramNode):
 
     def __init__(self) -> None:
         """Read the parameters and the whole recording."""
-        super().__init__("mocap_player")
+        super().__init__(interfaces.PLAYER_NODE)
         path = declare(self, "file", "", "recording: a .csv file, or a bag: its folder, .mcap or .db3 file")
         robot = declare_robot_name(self, "whose pose topic is played to")
         topic = declare(self, "topic", "", "topic of the bag with poses; empty: its only one")

@@ -45,7 +45,7 @@ class RecorderNode(ProgramNode):
 
     def __init__(self) -> None:
         """Read the parameters, make the bag, begin to look for topics."""
-        super().__init__("flatsat_recorder")
+        super().__init__(interfaces.RECORDER_NODE)
         robots = [robot.name for robot in declare_robots(self)]
         output = declare(self, "output", "", "bag to write: path of a folder that does not exist yet")
         require_known_parameters(self)

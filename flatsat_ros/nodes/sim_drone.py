@@ -75,7 +75,7 @@ class SimDrone(ProgramNode):
         backend: whose set-points are taken.
     """
 
-    program = "sim_drone"
+    program = interfaces.SIM_DRONE_NODE
     proximity = STILL
     backend = Backend.CPP
 

@@ -43,7 +43,7 @@ class _Together(NamedTuple):
 class SimServer(SimDrone):
     """A SimDrone that offers besides what crazyswarm2's server offers, and what motion capture publishes."""
 
-    program = "crazyflie_server"
+    program = interfaces.SIM_SERVER_NODE
     proximity = Proximity()
 
     def declare_more(self, robots: Sequence[Robot], pose_rate: float) -> None:

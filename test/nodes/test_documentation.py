@@ -171,6 +171,8 @@ def test_every_program_is_documented_with_its_node(page: str, root: Path, offers
     assert {program: documented[program] for program in offers} == {
         program: [offer.node] for program, offer in offers.items()
     }
+    named = {name for nodes in documented.values() for name in nodes}
+    assert named == {*interfaces.NODES, "flatsat_demo"}, "that of the demo is given no file of parameters"
 
 
 @pytest.mark.parametrize("program", NODES)

@@ -29,6 +29,7 @@ from flatsat_ros.nodes.controller_node import ControllerNode
 from flatsat_ros.nodes.mocap_player import MocapPlayer
 from flatsat_ros.nodes.recorder import RecorderNode
 from flatsat_ros.nodes.ros import messages
+from flatsat_ros.nodes.ros.given import giving, read_given
 from flatsat_ros.nodes.ros.runtime import ProgramNode, run
 from flatsat_ros.nodes.sim_drone import SimDrone
 from flatsat_ros.nodes.sim_server import SimServer
@@ -205,7 +206,7 @@ def test_a_file_for_other_nodes_alone_is_refused_with_the_nearest(
 ) -> None:
     good, bad, none = tmp_path / "good.yaml", tmp_path / "bad.yaml", tmp_path / "none.yaml"
     good.write_text("# a file with nothing for it\nflatsat_controller:\n  ros__parameters: {}\n", encoding="utf-8")
-    bad.write_text(
+    bad.write_text(  # a misspelt name, beside one that is known
         "lab:\n  flatsat_controler:\n    ros__parameters: {mu: 1.0}\n---\nsim_drone: {ros__parameters: {a: [[], b]}}\n",
         encoding="utf-8",
     )
@@ -219,6 +220,51 @@ def test_a_file_for_other_nodes_alone_is_refused_with_the_nearest(
         "for all nodes: /**; the nearest is /lab/flatsat_controler"
     )
     assert second == f"error: {none}: it has no section: must have one for /mine, or for all nodes: /**"
+
+
+FOR_OTHERS = [
+    # node, its name, sections, whether they are taken to be for others
+    (ControllerNode, "flatsat_controller", ["sim_drone"], True),
+    (SimDrone, "sim_drone", ["flatsat_controller", "vicon_bridge"], True),
+    (MocapPlayer, "mocap_player", ["/lab/flatsat_controller", "/lab/**/sim_drone"], True),
+    (ControllerNode, "flatsat_controller", ["flatsat_console"], True),
+    (ControllerNode, "flatsat_controller", ["flatsat_console", "flatsat_controllr"], False),
+    (ControllerNode, "flatsat_controller", ["sim_drone", "controller"], False),
+    (ControllerNode, "flatsat_controller", ["sim_drone", "/lab/flatsat_controller"], False),
+    (ControllerNode, "flatsat_controller", ["sim_drone", "/lab/**"], False),
+    (ControllerNode, "mine", ["sim_drone", "flatsat_controller"], False),
+    (SimDrone, "sim_drone", ["controller"], False),
+    (SimDrone, "sim_drone", ["vicon_bridge", "rviz"], False),
+    (SimDrone, "sim_drone", [], False),
+    pytest.param(CflibBridge, "cflib_bridge", ["flatsat_controller", "vicon_bridge"], True, marks=NEEDS_CFLIB),
+]
+
+
+@pytest.mark.parametrize(("make", "name", "sections", "taken"), FOR_OTHERS)
+def test_a_file_that_nodes_share_may_have_nothing_for_one_but_nothing_misspelt(
+    make: type[ProgramNode],
+    name: str,
+    sections: list[str],
+    taken: bool,
+    needed: dict[type[ProgramNode], dict[str, object]],
+    capfd: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    started: Callable[..., Any],
+) -> None:
+    file = tmp_path / "shared.yaml"
+    file.write_text(yaml.dump({section: {"ros__parameters": {"no": 1}} for section in sections}), encoding="utf-8")
+    arguments = [*given(**needed.get(make, {})), "-r", f"__node:={name}", "--params-file", str(file)]
+    found = f"its sections are {', '.join(sorted(sections))}" if sections else "it has no section"
+    if taken:
+        with giving(read_given(arguments)):
+            started(make, arguments)
+        said = capfd.readouterr().err
+        assert said.count("[WARN]") == 1
+        assert f"{file}: nothing in it is for /{name}: {found}" in said
+    else:
+        assert run(make, arguments) == 2
+        said = capfd.readouterr().err.splitlines()[-1]
+        assert said.startswith(f"error: {file}: {found}: must have one for /{name}, or for all nodes: /**")
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,13 @@
 """What a command line gives that ROS would ignore without a word: for nodes that are not here, of names nobody uses.
 
-Parameters for other nodes alone are refused: drones would fly with defaults. A remapping may be of a topic that is used
-later, or be given to several programs of which another uses it: it is told, and refused never.
+Parameters for other nodes alone are refused: drones would fly with defaults. A file that several nodes of this package
+share may have none for one of them, which is told; but no name that is nearly that node's. A remapping may be of a
+topic that is used later, or be given to several programs of which another uses it: it is told, and refused never.
 """
 
 from __future__ import annotations
 
+import difflib
 import os
 import re
 from collections.abc import Iterator, Sequence
@@ -21,8 +23,10 @@ from rclpy.expand_topic_name import expand_topic_name
 from flatsat_ros.base.errors import FlatsatError, nearest_name, one_line, quoted
 from flatsat_ros.base.files import located, read_text, unreadable
 from flatsat_ros.base.strict_yaml import YAML_BYTES, YAML_DEPTH
+from flatsat_ros.nodes.ros.interfaces import NODES
 
 _LIST = " "  # in place of a key, inside a list
+_NEAR = 0.7  # how alike a misspelt name is, as `difflib` measures it; "controller" is as much like ours
 _SHOWN = 200  # characters of all names of sections together
 
 
@@ -47,23 +51,26 @@ class Given:
     parameters: list[str]
     rules: list[str]
 
-    def require_for(self, node: str) -> None:
-        """Refuse parameters for other nodes alone.
+    def require_for(self, node: str, own: str) -> list[str]:
+        """Refuse parameters for other nodes alone; return a sentence about each file that was written for such.
 
         Args:
             node: name of the node that this program is, with its namespace.
+            own: its name as the program has it.
 
         Raises:
             FlatsatError: names the file, what it is for, and which of that is nearest.
         """
+        shared = []
         for path, sections in self.sections.items():
-            if not any(_applies(section, node) for section in sections):
-                found = f"its sections are {', '.join(sections)}" if sections else "it has no section"
-                nearest = nearest_name(node, map(_rooted, sections))
-                raise located(
-                    path,
-                    f"{one_line(found, _SHOWN)}: must have one for {node}, or for all nodes: /**{one_line(nearest)}",
-                )
+            if any(_applies(section, node) for section in sections):
+                continue
+            found = one_line(f"its sections are {', '.join(sections)}" if sections else "it has no section", _SHOWN)
+            names = {section.rpartition("/")[2] for section in sections}
+            if not names & set(NODES) or any(_is_nearly(name, {node.rpartition("/")[2], own}) for name in names):
+                nearest = one_line(nearest_name(node, map(_rooted, sections)))
+                raise located(path, f"{found}: must have one for {node}, or for all nodes: /**{nearest}")
+            shared.append(f"{path}: nothing in it is for {node}: {found}")
         for given in self.parameters:
             name = given.partition(":")[0]
             if _rooted(name) != node:
@@ -71,6 +78,7 @@ class Given:
                     f"parameter {quoted(given)} is for node /{one_line(name)}: must be for {node}: leave "
                     f"{quoted(name + ':')} away"
                 )
+        return shared
 
     def unused(self, called: Called, own: str, node: str, namespace: str) -> Iterator[str]:
         """Yield a sentence about each remapping that has changed nothing.
@@ -167,6 +175,17 @@ def _sections(path: str | os.PathLike[str]) -> list[str]:
 
 def _rooted(name: str) -> str:
     return name if name.startswith("/") else f"/{name}"
+
+
+def _is_nearly(name: str, mine: set[str]) -> bool:
+    """Tell whether a section may have been meant for this node, rather than for another one of ours or of others.
+
+    Args:
+        name: of the section, without its namespace, which is another one if the name is this node's.
+        mine: names of this node, without its namespace: as the program has it, and remapped.
+    """
+    near = difflib.get_close_matches(name, [*mine, *NODES], n=1, cutoff=_NEAR)
+    return name in ("*", "**") or not mine.isdisjoint(near)
 
 
 def _applies(section: str, node: str) -> bool:

@@ -133,4 +133,12 @@ DIAGNOSTICS = "/diagnostics"
 DIAGNOSTICS_KIND = DiagnosticArray
 DIAGNOSTICS_QOS = _reliable(10)
 
+# what the nodes that people start are called, unless they are renamed
 CONTROLLER_NODE = "flatsat_controller"
+SIM_DRONE_NODE = "sim_drone"
+SIM_SERVER_NODE = "crazyflie_server"
+BRIDGE_NODE = "cflib_bridge"
+PLAYER_NODE = "mocap_player"
+RECORDER_NODE = "flatsat_recorder"
+CONSOLE_NODE = "flatsat_console"
+NODES = (CONTROLLER_NODE, SIM_DRONE_NODE, SIM_SERVER_NODE, BRIDGE_NODE, PLAYER_NODE, RECORDER_NODE, CONSOLE_NODE)

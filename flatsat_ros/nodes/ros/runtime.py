@@ -72,7 +72,8 @@ class ProgramNode(Node):
         self._given, self._own_name = given_now(), name
         self._called = Called({"/rosout"}, set())  # that topic is opened by rcl itself
         super().__init__(name)
-        self._given.require_for(self.get_fully_qualified_name())
+        for sentence in self._given.require_for(self.get_fully_qualified_name(), name):
+            self.get_logger().warning(sentence)
         self.done = False
         self.exit_code = 0
         self.faults = Faults(self.get_logger())
