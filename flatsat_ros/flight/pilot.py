@@ -206,8 +206,9 @@ class Pilot:
         return bool(self._step.usable[index])
 
     def is_opening(self, index: int) -> bool:
-        """Tell whether drone index was armed on the ground and its thrust lock is about to be opened."""
-        return bool(self._parts.supervisor.unlocking[index])
+        """Tell whether drone index was armed on the ground and its thrust lock is about to be opened for others."""
+        supervisor = self._parts.supervisor
+        return bool(supervisor.unlocking[index] and not supervisor.requested[index])
 
     def take_off(self, index: int, height: float) -> None:
         """Send drone index straight up by height, m, from where it stands.
@@ -235,9 +236,16 @@ class Pilot:
     def land(self, index: int) -> None:
         """Let drone index brake, sink where it is until something carries it, then rest.
 
+        The take-off of one that is not in the air yet is called off, be it that its goal waits for something.
+
         Raises:
-            FlatsatError: it is not in the air, or another drone stays below.
+            FlatsatError: it is neither in the air nor about to take off, or another drone stays below.
         """
+        waits = self.traffic.is_waiting(index) or bool(self._parts.supervisor.requested[index])
+        if waits and self.mode[index] not in AIRBORNE:
+            self.call_off(index)
+            self._step.reports.append(Report(index, "its take-off is called off: it is told to land"))
+            return
         self._parts.supervisor.require_mode(index, *AIRBORNE, purpose="land")
         self.traffic.admit_landing(index)
         self._parts.guidance.land(index, self._step.now)

@@ -245,4 +245,5 @@ class Supervisor:
         if after in (Mode.CUT, Mode.REST, Mode.FALLEN):
             self.requested[index] = self._rearmed[index] = False
         elif after is Mode.IDLE:
-            self.requested[index] &= self._patient[index]
+            # a goal waits for poses; motors start as soon as a link is there only if somebody asks for it then
+            self.requested[index] &= self._patient[index] and event is not Event.UNHEARD

@@ -203,6 +203,43 @@ def test_a_take_off_is_given_up_if_nobody_takes_its_commands_for_seconds() -> No
     assert "nobody takes" in next(made.reason for tick in ticks for made in tick.transitions if made.after is Mode.IDLE)
 
 
+def test_a_goal_that_is_given_up_since_nobody_takes_commands_is_not_flown_to_when_somebody_does() -> None:
+    world = World()
+    world.fly(0.5)
+    world.pilot.note_link(0, False)
+    world.pilot.set_reference(0, Trajectory.hold(GOAL))
+    assert modes(world.fly(20.0)) == [Mode.UNLOCK, Mode.IDLE]
+    world.pilot.note_link(0, True)
+    assert modes(world.fly(3.0)) == [Mode.IDLE], "motors start when somebody asks for it only"
+    world.pilot.set_reference(0, Trajectory.hold(GOAL))
+    assert modes(world.fly(3.0)) == [Mode.UNLOCK, Mode.FLY]
+
+
+@pytest.mark.parametrize("by_goal", [True, False])
+def test_a_drone_that_is_told_to_land_while_its_lock_opens_does_not_take_off(by_goal: bool) -> None:
+    world = World()
+    world.fly(0.5)
+    if by_goal:
+        world.pilot.set_reference(0, Trajectory.hold(GOAL))
+    else:
+        world.pilot.take_off(0, 0.5)
+    assert modes(world.fly(0.2)) == [Mode.UNLOCK]
+    world.pilot.land(0)
+    assert modes(world.fly(3.0)) == [Mode.IDLE]
+    world.pilot.take_off(0, 0.5)
+    assert modes(world.fly(3.0)) == [Mode.UNLOCK, Mode.FLY]
+
+
+def test_a_drone_whose_lock_opens_for_others_is_not_told_to_land() -> None:
+    world = World()
+    world.fly(0.5)
+    world.pilot.arm(0, True)
+    world.fly(0.1)
+    with pytest.raises(FlatsatError, match="in UNLOCK: only one in FLY or LEVEL or DESCEND can land"):
+        world.pilot.land(0)
+    assert modes(world.fly(1.5)) == [Mode.UNLOCK, Mode.IDLE]
+
+
 def test_a_drone_that_rests_on_the_ground_by_its_goal_is_not_cut() -> None:
     world = World()
     world.fly(0.5)

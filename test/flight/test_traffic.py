@@ -138,6 +138,20 @@ def test_a_goal_where_another_drone_rests_or_goes_is_refused_by_name(aside: floa
     assert world.is_at(0, [2.0, 0.0, 1.0])
 
 
+def test_a_drone_on_the_ground_whose_goal_waits_does_not_take_off_once_all_are_told_to_land() -> None:
+    world = Ideal([[0.0, -2.0, 1.0], [0.0, 0.0, 0.0]])
+    world.fly(0.2)
+    world.pilot.set_goal(0, [0.0, 2.0, 1.0])
+    world.fly(0.5)
+    world.pilot.set_goal(1, [0.0, 0.0, 2.0])
+    assert world.pilot.traffic.is_waiting(1)
+    for index in (0, 1):
+        world.pilot.land(index)
+    world.fly(8.0)  # the first one has come down beside its way
+    assert world.pilot.mode[1] == Mode.IDLE
+    assert world.heard(1, "its take-off is called off: it is told to land")
+
+
 def test_a_ring_of_exchanged_goals_is_refused_and_nobody_moves() -> None:
     places = [[0.0, 0.0, 1.0], [1.2, 0.0, 1.0], [0.6, 1.0, 1.0]]
     world = hovering(places)
