@@ -52,7 +52,8 @@ class Commands:
         self._node, self._robots, self._vehicles = node, robots, vehicles
         self._backend_of, self._yaw_mode = backend_of, yaw_mode
         self._message, topic = Twist(), interfaces.COMMAND
-        self._taken_since = [math.inf] * len(robots)  # s, since the stream began
+        self._taken_since = [math.inf] * len(robots)  # s, since the stream began and all who take it were there
+        self._takers = [0] * len(robots)
         self._publishers = [node.create_publisher(topic.kind, topic.of(robot), topic.publish) for robot in robots]
 
     def send(self, index: int, command_of: Callable[[int], Command | None]) -> None:
@@ -82,8 +83,16 @@ class Commands:
         self._taken_since[index] = math.inf
 
     def arrive(self, index: int, now: float) -> bool:
-        """Tell, at time now, s, whether a drone's commands have been taken for long enough to count on them."""
-        self._taken_since[index] = min(now, self._taken_since[index]) if self.is_taken(index) else math.inf
+        """Tell, at time now, s, whether a drone's commands have been taken for long enough to count on them.
+
+        Who was there first may be a recorder, or a simulator that was killed: with whoever joins it begins anew.
+        """
+        takers = self._publishers[index].get_subscription_count()
+        if takers == 0:
+            self._taken_since[index] = math.inf
+        elif takers > self._takers[index] or math.isinf(self._taken_since[index]):
+            self._taken_since[index] = now
+        self._takers[index] = takers
         return now - self._taken_since[index] >= STARTING_TIME
 
     def flush(self) -> None:

@@ -174,9 +174,9 @@ class ControllerNode(ProgramNode):
 
     def _unlock_time(self) -> float:
         """Return how long it takes until others may fly a drone that is armed, s."""
-        # zero thrust from the next tick on, the tick after it, the notice that no more follows
+        # zeros from the next tick on, taken from the one after it; both times end at ticks; the notice that none follow
         zeros = max(self._setup.policy.unlock_time, UNLOCKING_ZEROS * self._certificate.period)
-        return STARTING_TIME + zeros + 2.0 * self._certificate.period + SETTLING_TIME
+        return STARTING_TIME + zeros + 4.0 * self._certificate.period + SETTLING_TIME
 
     def _hand_over(self, index: int) -> None:
         """Fall silent about a drone, and let it stay where it is if its link has a way to.

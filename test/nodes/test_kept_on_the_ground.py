@@ -13,6 +13,7 @@ from room import Room, rooms
 from std_srvs.srv import SetBool
 
 from flatsat_ros.flight.modes import Mode
+from flatsat_ros.nodes.crazyswarm import SETTLING_TIME
 from flatsat_ros.nodes.rivals import Ear, Heard
 from flatsat_ros.nodes.ros import interfaces, messages
 from flatsat_ros.nodes.ros.diagnostics import Level
@@ -90,6 +91,26 @@ def test_a_drone_whose_commands_arrive_a_while_after_somebody_takes_them_is_unlo
     assert [line.split(": ")[2] for line in transitions(capfd)] == ["IDLE -> UNLOCK", "UNLOCK -> FLY"]
 
 
+def test_a_drone_that_is_found_when_a_recorder_takes_its_commands_already_is_unlocked_and_takes_off(
+    room: Callable[..., Room], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """So is one whose simulator was killed, which stays listed for a while, and started again."""
+    lab = room()
+    lab.run(0.5)
+    wire, takers, heard = lab.wires[0], [1], []
+    monkeypatch.setattr(wire, "get_subscription_count", lambda: takers[0])
+    take = wire._take
+    monkeypatch.setattr(wire, "_take", lambda setpoint: take(setpoint) if heard else None)
+    assert lab.ask("cf1/flatsat/takeoff").success
+    lab.run(0.7)
+    takers[0] = 2
+    lab.run(0.5)
+    heard.append(True)
+    lab.run(6.0)
+    assert lab.fleet.bodies.position[0, 2] > 0.3
+    assert [line.split(": ")[2] for line in transitions(capfd)] == ["IDLE -> UNLOCK", "UNLOCK -> FLY"]
+
+
 def test_who_takes_the_newest_command_alone_and_is_late_by_a_second_gets_a_zero(room: Callable[..., Room]) -> None:
     lab = room()
     for _ in range(2):  # from IDLE, and once more when nothing has been sent for a while
@@ -128,6 +149,28 @@ def test_who_arms_a_drone_is_told_when_others_may_fly_it(
     lab.run(seconds)
     assert lab.modes[0] is Mode.IDLE
     assert not lab.fleet.firmware.thrust_locked[0]
+
+
+@pytest.mark.parametrize("certificate", ["cf21_tight_10hz", "cf21_adaptive_50hz", "cf21_adaptive_100hz"])
+def test_who_arms_a_drone_is_told_a_time_at_which_its_link_knows_that_no_set_points_follow(
+    room: Callable[..., Room], certificate: str
+) -> None:
+    lab = room("-p", f"certificate:={certificate}")
+    for _ in range(3):
+        lab.run(0.5)
+        told = lab.ask("cf1/flatsat/arm", SetBool, data=True).message
+        lab.run(float(told.split(" after ")[1].split()[0]) - SETTLING_TIME)
+        assert lab.modes[0] is Mode.IDLE
+
+
+def test_who_arms_a_drone_that_is_about_to_take_off_is_not_told_to_let_others_fly_it(room: Callable[..., Room]) -> None:
+    lab = room()
+    lab.run(0.5)
+    assert lab.ask("cf1/flatsat/takeoff").success
+    lab.run(0.2)
+    assert "others" not in lab.ask("cf1/flatsat/arm", SetBool, data=True).message
+    lab.run(1.5)
+    assert lab.modes[0] is Mode.FLY
 
 
 def test_while_another_sends_set_points_or_poses_no_drone_takes_off(
