@@ -31,6 +31,7 @@ class Pilot:
         batteries: what is known of their batteries.
         clearance: what keeps drones on the ground.
         traffic: who goes where, and who waits for whom.
+        orders: (N,) how often each was told where to go, to take off, hold, land or be left alone, but for plans.
     """
 
     def __init__(
@@ -55,7 +56,7 @@ class Pilot:
         known_as = [f"drone {index}" for index in range(count)] if names is None else names
         parts = self._parts = put_together(certificate, tuning, policy, count, known_as, others)
         self._step = ControlStep(certificate, policy, parts, count)
-        self._policy = policy
+        self._policy, self.orders = policy, np.zeros(count, dtype=int)
         self.certificate, self.estimator = certificate, parts.estimator
         self.batteries, self.clearance, self.traffic = parts.batteries, parts.clearance, parts.traffic
 
@@ -91,7 +92,9 @@ class Pilot:
             self.set_reference(index, Trajectory.hold(position, yaw))
             return
         self._require_clear(index)
-        if self.traffic.admit_goal(index, position, float(finite_array("yaw", yaw))):
+        begins = self.traffic.admit_goal(index, position, float(finite_array("yaw", yaw)))
+        self.orders[index] += 1
+        if begins:
             self._step.begin(index, patient=True)
 
     def set_reference(self, index: int, trajectory: Trajectory) -> None:
@@ -109,6 +112,7 @@ class Pilot:
         if path_mode and self.mode[index] == Mode.FLY:
             self._parts.guidance.require_near(index, trajectory, self._step.now)
         self.traffic.admit_trajectory(index, trajectory)
+        self.orders[index] += 1
         self._step.begin(index, patient=True)
 
     def set_planned(self, index: int, trajectory: Trajectory) -> None:
@@ -159,6 +163,10 @@ class Pilot:
         for corner in trajectory.bounds():
             self._parts.guidance.require_inside(corner, what)
 
+    def is_landing(self, index: int) -> bool:
+        """Tell whether drone index is in the air and lands."""
+        return bool(self._parts.guidance.landing[index]) and self.mode[index] in AIRBORNE
+
     def is_at_rest(self, index: int) -> bool:
         """Tell whether drone index flies and its reference stays where it is, and it is not landing."""
         resting = self._parts.guidance.references.at_rest[index] and not self._parts.guidance.landing[index]
@@ -183,6 +191,7 @@ class Pilot:
         self._parts.supervisor.require_mode(index, Mode.FLY, purpose="hold its place")
         self._require_clear(index)
         self.traffic.withdraw(index)
+        self.orders[index] += 1
         self._parts.guidance.brake(index, self._step.now)
 
     def arm(self, index: int, armed: bool) -> None:
@@ -196,6 +205,7 @@ class Pilot:
         """
         height = float(self._step.state[index, 2]) if self._step.usable[index] else None
         self._parts.supervisor.arm(index, armed, height)
+        self.orders[index] += not armed
 
     def note_link(self, index: int, linked: bool) -> None:
         """Note whether drone index is linked: until somebody takes its commands, its thrust lock cannot be opened."""
@@ -231,6 +241,7 @@ class Pilot:
             self._parts.guidance.follow(index, Trajectory.hold(place + climb, yaw))
         else:
             self.traffic.admit_take_off(index, place + climb, yaw)
+        self.orders[index] += 1
         self._step.begin(index, patient=False)
 
     def land(self, index: int) -> None:
@@ -244,10 +255,12 @@ class Pilot:
         waits = self.traffic.is_waiting(index) or bool(self._parts.supervisor.requested[index])
         if waits and self.mode[index] not in AIRBORNE:
             self.call_off(index)
+            self.orders[index] += 1
             self._step.reports.append(Report(index, "its take-off is called off: it is told to land"))
             return
         self._parts.supervisor.require_mode(index, *AIRBORNE, purpose="land")
         self.traffic.admit_landing(index)
+        self.orders[index] += 1
         self._parts.guidance.land(index, self._step.now)
 
     def retire(self) -> None:
@@ -278,6 +291,7 @@ class Pilot:
             FlatsatError: it does not fly.
         """
         self._parts.supervisor.release(index)
+        self.orders[index] += 1
         self._parts.guidance.landing[index] = False
 
     def measure(

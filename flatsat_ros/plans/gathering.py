@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
@@ -17,6 +17,7 @@ import numpy as np
 
 from flatsat_ros.base.arrays import FloatArray
 from flatsat_ros.base.errors import FlatsatError
+from flatsat_ros.flight.modes import Mode
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.separation import IN_THE_AIR
 from flatsat_ros.plans.plan import Plan
@@ -28,6 +29,8 @@ _AGAIN, _SAME = 1.0, 1e-6
 _THERE = 1e-3
 # m, that drones on the ground climb first, and s, that they may take for it
 _CLIMB, _CLIMBING = 0.5, 10.0
+
+_DOWN = (Mode.IDLE, Mode.CUT, Mode.REST, Mode.FALLEN)  # modes in which a drone does not fly any more
 
 # the process that reads a pickled `Move` and writes what `prepared.received` reads
 COMMAND = (sys.executable, "-m", "flatsat_ros.planning.gathering")
@@ -97,11 +100,28 @@ class Gathering:
         self._began = math.nan  # s, when they began to climb
         self._above: dict[int, FloatArray] = {}  # where those on the ground climb to, m
         self._poll: Callable[[], PreparedPlan | None] | None = None
+        # how often each was told something, here or by others; and who was seen in flight
+        self._orders, self._flown = {index: int(pilot.orders[index]) for index in places}, set[int]()
         self.step = Step.RULES if planner is None or len(self.missing()) < 2 else Step.CLIMB
 
     def missing(self) -> list[int]:
         """Return who does not rest inside its tube at its place."""
         return [index for index in self._places if not self._is_there(index)]
+
+    def left(self) -> dict[int, str]:
+        """Return who must not be sent to its place any more, and why."""
+        found = {}
+        for index in self._places:
+            mode = Mode(self._pilot.mode[index])
+            if mode is Mode.FLY:
+                self._flown.add(index)
+            if self._pilot.orders[index] != self._orders[index]:
+                found[index] = "was told something else"
+            elif self._pilot.is_landing(index):
+                found[index] = "lands"
+            elif mode in _DOWN and index in self._flown:
+                found[index] = "has come down"
+        return found
 
     def look(self, now: float, missing: list[int]) -> None:
         """Go on, once per tick.
@@ -117,15 +137,21 @@ class Gathering:
         elif self.step is Step.RULES:
             self._send(now, {index: self._places[index] for index in missing})
 
-    def give_up(self, why: str) -> None:
-        """Let the rules do the rest; the reason is empty where the planned way has been flown to its end."""
+    def give_up(self, why: str, held: Iterable[int] = ()) -> None:
+        """Let the rules do the rest.
+
+        Args:
+            why: empty where the planned way has been flown to its end.
+            held: who was told to hold meanwhile, as it could not follow that way.
+        """
         self.step, self.told = Step.RULES, why
+        self._orders |= {index: int(self._pilot.orders[index]) for index in held}
 
     def _climb(self, now: float) -> None:
         """Let those on the ground climb; once all stand still in the air let their way be planned."""
         if math.isnan(self._began):
             self._began = now
-            low = [index for index in self._places if self._pilot.follows(index) is None]
+            low = [i for i in self._places if self._pilot.follows(i) is None or self._pilot.is_landing(i)]
             self._above = {index: self._pilot.places[index] + [0.0, 0.0, _CLIMB] for index in low}
         if all(self._pilot.is_at_rest(index) for index in self._places):
             starts = {index: np.asarray(self._pilot.destination(index)) for index in self._places}
@@ -166,6 +192,7 @@ class Gathering:
                 continue
             try:
                 self._pilot.set_goal(index, place, self._yaws[index])
+                self._orders[index] = int(self._pilot.orders[index])
             except FlatsatError as error:
                 self.refused[index] = str(error)
 

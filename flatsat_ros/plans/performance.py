@@ -50,6 +50,7 @@ class Performance:
     Attributes:
         plan: what is flown.
         phase: what is done now.
+        held: who was told to hold, as it could not follow.
     """
 
     def __init__(
@@ -85,6 +86,7 @@ class Performance:
         self._stopping, self._starting = prepared.stop, prepared.start  # s
         for index, reference in self._references.items():
             pilot.require_room(f"the reference of {self._names[index]}", reference)
+        self.held: set[int] = set()
         self._given: dict[int, Trajectory] = {}  # the references that are flown
         self._pending: list[int] = []  # who still has to get one
         self._make: Callable[[int], Trajectory] | None = None  # makes them
@@ -205,6 +207,10 @@ class Performance:
         if self._gathering.step is Step.FLY:
             self._look_at_way(now, self._gathering)
             return
+        if left := self._gathering.left():
+            why = ", ".join(f"{self._names[index]} {does}" for index, does in left.items())
+            self._give_up(f"{why}: the others hold where they are led to")
+            return
         if self._gathering.told:
             self._tell(f"no way for all to their places is planned: {self._gathering.told}; each goes there alone")
             self._gathering.told = ""
@@ -214,11 +220,13 @@ class Performance:
             self._set_out(now)
         elif now >= self._until:
             reasons = (f"{self._names[i]} ({self._gathering.refused.get(i, 'not within its tube')})" for i in missing)
-            names = ", ".join(reasons)
-            self._tell(f"the plan does not begin: after {PATIENCE:g} s not at their places: {names}; all hold")
-            self.phase = PlanPhase.ABORTED if self._progress == 0.0 else PlanPhase.PAUSED
+            self._give_up(f"after {PATIENCE:g} s not at their places: {', '.join(reasons)}; all hold")
         else:
             self._gathering.look(now, missing)
+
+    def _give_up(self, why: str) -> None:
+        self._tell(f"{self._called} does not begin: {why}")
+        self.phase = PlanPhase.ABORTED if self._progress == 0.0 else PlanPhase.PAUSED
 
     def _look_at_way(self, now: float, gathering: Gathering) -> None:
         """Let all go to their places as has been planned."""
@@ -233,7 +241,8 @@ class Performance:
             return
         self._reports += [report for report in self._way.look(now) if self._way.phase is not PlanPhase.FLOWN]
         if not self._way.is_busy or self._way.phase is PlanPhase.PAUSED:
-            gathering.give_up("" if self._way.phase is PlanPhase.FLOWN else "they did not fly it to its end")
+            flown = self._way.phase is PlanPhase.FLOWN
+            gathering.give_up("" if flown else "they did not fly it to its end", self._way.held)
             self._until = now + PATIENCE
 
     def _set_out(self, now: float) -> None:
@@ -283,6 +292,7 @@ class Performance:
             except FlatsatError as error:
                 self._tell(f"{self._names[index]} cannot follow {self._called}: {error}; it holds", index)
                 self._pilot.hold(index)
+                self.held.add(index)
 
     def _look_who_follows(self, now: float) -> None:
         """Let the others stand still if a drone does not follow the plan."""

@@ -189,6 +189,68 @@ def test_if_one_leaves_the_plan_the_others_stand_still() -> None:
         lab.performance.pause(lab.now)
 
 
+ORDERS: dict[str, Callable[[Pilot], object]] = {
+    "land": lambda pilot: pilot.land(0),
+    "hold": lambda pilot: pilot.hold(0),
+    "a goal": lambda pilot: pilot.set_goal(0, [-0.5, 0.0, 0.8]),
+    "hand_over": lambda pilot: pilot.hand_over(0),
+}
+
+
+@pytest.mark.parametrize(("order", "after"), [("land", 0.1), ("a goal", 0.1), *((order, 2.5) for order in ORDERS)])
+def test_who_is_told_something_else_while_all_gather_is_not_sent_to_its_place_again(order: str, after: float) -> None:
+    lab = Lab()
+    lab.performance.start(lab.now)
+    lab.fly(after)
+    ORDERS[order](lab.pilot)
+    told = lab.pilot.destination(0) if order == "a goal" else None
+    lab.fly(10.0)
+    assert lab.performance.phase is PlanPhase.ABORTED
+    assert any("the plan does not begin: cf1 was told something else" in text for text in lab.told)
+    assert lab.pilot.mode[0] == (2 if order in ("hold", "a goal") else 0)
+    assert lab.off([lab.fleet.bodies.position[0], STARTS[1]]) < 0.1
+    if told is not None:
+        assert lab.fleet.bodies.position[0] == pytest.approx(told, abs=0.05)
+    lab.performance.start(lab.now)
+    assert lab.performance.phase is PlanPhase.GATHERING
+
+
+def test_who_lands_or_stands_without_being_told_to_while_all_gather_is_not_sent_again() -> None:
+    lab = Lab()
+    lab.performance.start(lab.now)
+    lab.fly(2.5)
+    lab.pilot.traffic.land(1)  # as one does that leaves the box, or its tube
+    lab.fly(10.0)
+    assert any("the plan does not begin: cf2 lands" in text for text in lab.told)
+    assert lab.pilot.mode[1] == 0
+    assert lab.fleet.bodies.position[1, 2] < 0.02
+
+
+def test_a_landing_on_the_way_to_the_places_ends_the_gathering_once_the_others_stand_still() -> None:
+    lab = Lab(planner=by_a_process, stand=((1.5, 0.1), (0.1, -0.1)))
+    lab.performance.start(lab.now)
+    lab.fly(20.0, lambda: any("the way to the places is flown" in text for text in lab.told))
+    lab.fly(1.5)
+    lab.pilot.land(0)
+    lab.fly(15.0)
+    assert any("cf1 does not follow the way to the places any more" in text for text in lab.told)
+    assert any("the plan does not begin: cf1 was told something else" in text for text in lab.told)
+    assert lab.performance.phase is PlanPhase.ABORTED
+    assert lab.pilot.mode[:2].tolist() == [0, 2]
+
+
+def test_a_plan_that_begins_while_its_drones_land_takes_them_up_again() -> None:
+    lab = Lab(planner=by_a_process)
+    for index in (0, 1):
+        lab.pilot.take_off(index, 0.8)
+    lab.fly(4.0)
+    for index in (0, 1):
+        lab.pilot.land(index)
+    lab.fly(0.5)
+    lab.performance.start(lab.now)
+    lab.fly_until(PlanPhase.FLYING, 30.0)
+
+
 def test_an_aborted_plan_stands_still_then_lands() -> None:
     lab = Lab()
     lab.performance.start(lab.now)
