@@ -89,6 +89,7 @@ class Performance:
         self.held: set[int] = set()
         self._given: dict[int, Trajectory] = {}  # the references that are flown
         self._pending: list[int] = []  # who still has to get one
+        self._orders = np.zeros(0, dtype=int)  # see `Pilot`, of all drones, when all set out
         self._make: Callable[[int], Trajectory] | None = None  # makes them
         self._progress = 0.0  # s of the plan, where all stand still
         self._origin = 0.0  # s of the clock, when it was 0, in flight
@@ -258,6 +259,7 @@ class Performance:
         self._pilot.traffic.prove(self._kept())
         self._outside = math.inf
         self._given.clear()
+        self._orders = self._pilot.orders.copy()
         self.phase, self._origin, self._until = PlanPhase.FLYING, origin, origin + self.plan.duration
         self._tell(f"{self._called} is flown from {begin - now:.3f} s on: all set out together")
 
@@ -283,7 +285,8 @@ class Performance:
         """Give some drones the references that are due."""
         for index in self._pending[:_PER_TICK]:
             self._pending.remove(index)
-            if self._make is None or (index in self._given and self._pilot.follows(index) is not self._given[index]):
+            left = index in self._given and self._pilot.follows(index) is not self._given[index]
+            if self._make is None or left or self._pilot.orders[index] != self._orders[index]:
                 continue
             trajectory = self._make(index)
             try:
@@ -296,8 +299,8 @@ class Performance:
 
     def _look_who_follows(self, now: float) -> None:
         """Let the others stand still if a drone does not follow the plan."""
-        given = (index for index in self._indices if index not in self._pending)
-        left = [index for index in given if self._pilot.follows(index) is not self._given.get(index)]
+        flown = {index: self._pilot.follows(index) for index in self._indices if index not in self._pending}
+        left = [index for index, way in flown.items() if way is None or way is not self._given.get(index)]
         if self.phase is not PlanPhase.FLYING:
             return
         outside = [] if left or now - self._looked < _LOOK_PERIOD else self._who_is_outside(now)

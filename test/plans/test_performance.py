@@ -251,6 +251,19 @@ def test_a_plan_that_begins_while_its_drones_land_takes_them_up_again() -> None:
     lab.fly_until(PlanPhase.FLYING, 30.0)
 
 
+@pytest.mark.parametrize("order", ["land", "hold", "hand_over"])
+def test_who_is_told_something_else_before_it_gets_its_part_of_the_plan_gets_none(order: str) -> None:
+    lab = Lab()
+    lab.performance.start(lab.now)
+    lab.fly_until(PlanPhase.FLYING)
+    ORDERS[order](lab.pilot)
+    lab.fly_until(PlanPhase.PAUSED)
+    lab.fly(8.0)
+    assert any("cf1 does not follow the plan any more" in text for text in lab.told)
+    assert lab.off(STARTS if order == "hold" else [lab.fleet.bodies.position[0], STARTS[1]]) < 0.1
+    assert lab.pilot.mode[0] == (2 if order == "hold" else 0)
+
+
 def test_an_aborted_plan_stands_still_then_lands() -> None:
     lab = Lab()
     lab.performance.start(lab.now)
