@@ -5,7 +5,9 @@ no change of a coordinate is less than that. One that repeats in poses whose oth
 
 - in fine poses, if the others are noisy, or if a little motion along it has been commanded for a while;
 - in all poses, if what was commanded since, beyond what balanced it then, and the speed that it had should have moved
-  it by more than the poses are rounded.
+  it by more than the poses are rounded. In rounded poses what balances it is not known so well: what is commanded as it
+  begins to repeat is off by what the last step had commanded, and what was on average may be that of a manoeuvre. Where
+  each tells another way, the shorter one counts.
 """
 
 from __future__ import annotations
@@ -32,6 +34,8 @@ _DUPLICATE = 1e-3, 10.0
 _MOVES = 0.05, 100.0
 _STANDS = 0.03, 40.0
 _LASTED = 0.15, 0.6
+# what is commanded counts on average for so long, s
+_LATELY = 1.0
 # poses farther apart than this, s, say nothing of what was between them
 _GAP = 0.5
 
@@ -59,6 +63,7 @@ class _Repeat:
         free: stamp from which on, meanwhile, nothing kept it from moving, s.
         velocity: along it then, m/s.
         balance: acceleration commanded then, m/s^2.
+        usual: acceleration commanded until then on average, in rounded poses, m/s^2.
         poses: number of repetitions.
         turns: how often another one turned back twice in succession meanwhile.
         speed: change of velocity that was commanded since then beyond the balance, m/s.
@@ -72,6 +77,7 @@ class _Repeat:
     free: float
     velocity: float
     balance: float
+    usual: float
     poses: int = 0
     turns: int = 0
     speed: float = 0.0
@@ -91,6 +97,9 @@ class Stillness:
         self._turned = [(False, False, False)] * count  # which turned back there
         self._repeats: list[dict[int, _Repeat]] = [{} for _ in range(count)]  # by axis
         self._finest = [_UNKNOWN] * count  # least change of a coordinate so far, m
+        # what was commanded on average, m/s^2, and the stamp until which, s; of rounded poses in which one repeats
+        self._usual: list[Sequence[float]] = [(0.0, 0.0, 0.0)] * count
+        self._averaged = [-math.inf] * count
 
     def look(
         self,
@@ -156,16 +165,18 @@ class Stillness:
         turned = _turned(changes[0], x), _turned(changes[1], y), _turned(changes[2], z)
         turns = sum(now and last for now, last in zip(turned, self._turned[index], strict=True))
         self._turned[index] = turned
+        usual = acceleration if self.is_fine(index) else self._average(index, stamp, acceleration, airborne)
         for axis, change in enumerate(changes):
             if change:
                 repeats.pop(axis, None)
                 continue
-            one = repeats.setdefault(axis, _Repeat(before, before, estimate[3 + axis], acceleration[axis]))
+            one = repeats.setdefault(axis, _Repeat(before, before, estimate[3 + axis], acceleration[axis], usual[axis]))
             if airborne or one.duplicate < math.inf:
                 one.speed += (acceleration[axis] - one.balance) * elapsed
                 one.way += (one.velocity + one.speed) * elapsed
             else:
-                one.free, one.velocity, one.balance = stamp, estimate[3 + axis], acceleration[axis]
+                one.free, one.velocity = stamp, estimate[3 + axis]
+                one.balance = one.usual = acceleration[axis]
                 one.speed = one.way = 0.0
             for number, (_, least) in enumerate(REPEATED):
                 if abs(acceleration[axis]) < least:
@@ -193,9 +204,19 @@ class Stillness:
         """Tell whether drone index, whose position repeats, should be elsewhere at a stamp, s."""
         return any(self._has_moved(index, one, stamp - one.free) for one in self._repeats[index].values())
 
+    def _average(self, index: int, stamp: float, acceleration: Sequence[float], airborne: bool) -> Sequence[float]:
+        """Return what was commanded until now on average, (3,) m/s^2, and count what is now, see `look`."""
+        usual = self._usual[index]
+        share = min((stamp - self._averaged[index]) / _LATELY, 1.0) if airborne else 1.0
+        self._usual[index] = [old + share * (new - old) for old, new in zip(usual, acceleration, strict=True)]
+        self._averaged[index] = stamp
+        return usual
+
     def _has_moved(self, index: int, one: _Repeat, lasted: float) -> bool:
+        other = one.way + (one.balance - one.usual) * lasted**2 / 2.0
+        way = min(abs(one.way), abs(other)) if one.way * other > 0.0 else 0.0
         least = max(self._counts(index, _DUPLICATE), (_MOVES[0] + _MOVES[1] * self._finest[index]) * lasted)
-        return abs(one.way) > least
+        return way > least
 
     def _counts(self, index: int, least: tuple[float, float]) -> float:
         """Return which way counts, m: the first entry, or the second one times the least change."""

@@ -20,21 +20,21 @@ def first_still(
     places: np.ndarray,
     *,
     acceleration: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
-    velocity: Sequence[float] = (0.0, 0.0, 0.0),
+    velocity: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
     period: float = PERIOD,
     begin: int = 0,
     airborne: bool = True,
 ) -> tuple[float, int]:
     """Since when, s, and of which axis, a coordinate of places (K, 3), m, is an old one; infinite and -1 for never.
 
-    The acceleration is commanded always, (3,), or from pose to pose, (K, 3). The drone rests until it begins, at the
-    place of that number, to fly with a velocity.
+    The acceleration is commanded always, (3,), or from pose to pose, (K, 3), and so is the velocity estimated. The
+    drone rests until it begins, at the place of that number, to fly.
     """
     stillness = Stillness(1)
-    commanded = np.broadcast_to(acceleration, places.shape).tolist()
+    commanded, speeds = (np.broadcast_to(each, places.shape) for each in (acceleration, velocity))
     for number, place in enumerate(places.tolist()):
-        estimate = [0.0, 0.0, 0.0, *(np.array(velocity) * (number >= begin)), 0.0, 0.0, 0.0]
-        found = stillness.look(0, number * period, tuple(place), commanded[number], estimate, airborne)
+        estimate = [0.0, 0.0, 0.0, *(speeds[number] * (number >= begin)), 0.0, 0.0, 0.0]
+        found = stillness.look(0, number * period, tuple(place), commanded[number].tolist(), estimate, airborne)
         if found is not None and found.limit:
             assert found.lasted >= found.limit
             return number * period, found.axis
@@ -145,6 +145,32 @@ def test_of_a_hover_without_noise_in_poses_of_whole_millimetres_nothing_is_taken
     sway = 1.0 + amplitude * np.sin(2.0 * PERIOD * np.arange(300)[:, np.newaxis] * [1.0, 1.7, 2.3])
     whole = 1e-3 * np.round(sway / 1e-3)
     assert first_still(whole, velocity=velocity, acceleration=acceleration) == (math.inf, -1)
+
+
+@given(
+    axis=AXES,
+    push=st.floats(-0.5, 0.5),
+    step=st.sampled_from([-1, 1]),
+    earlier=st.lists(st.integers(0, 180), max_size=4),
+)
+@settings(max_examples=15)
+def test_what_the_last_step_of_rounded_poses_had_a_drone_commanded_is_not_what_balances_it(
+    axis: int, push: float, step: int, earlier: list[int]
+) -> None:
+    """In whole millimetres each step is taken for a start, and braked with 0.12 m/s^2, beside the push of the wind."""
+    begin, along = 200, (np.arange(3) == axis).astype(float)
+    places = 1e-3 * np.round(noisy(800, 4e-4, 1) / 1e-3)
+    places[:, axis] = 0.0
+    kicks = np.zeros((len(places), 1))
+    for number in [*sorted(earlier), begin]:
+        step = -step
+        places[number:, axis] += 1e-3 * step
+        kicks[number:, 0] = step * np.exp(-PERIOD * np.arange(len(places) - number) / 0.1)
+    commanded, speed = (-push - 0.12 * kicks) * along, 0.017 * kicks * along
+    assert first_still(places, acceleration=commanded, velocity=speed) == (math.inf, -1)
+    commanded[begin + 50 :] += along
+    since, found = first_still(places, acceleration=commanded, velocity=speed)
+    assert (0.5 < since - begin * PERIOD < 2.0, found) == (True, axis)
 
 
 def test_what_a_drone_did_before_it_stood_moves_nothing_when_it_flies() -> None:
