@@ -27,10 +27,10 @@ class LowFlight:
         sank: the largest speed at which it has sunk so far, m/s.
     """
 
-    def __init__(self, floor: float = 0.0) -> None:
+    def __init__(self, floor: float = 0.0, noise: float = 1e-4) -> None:
         policy = Policy(disturbance_max=0.8, thrust_error_max=0.25, drag=VEHICLE.dynamics.drag_z)
         self.pilot = Pilot(CERTIFICATE, Tuning(2.0, 0.05, 1.0, CERTIFICATE.gain_max), policy, 1)
-        start, capture = [[0.0, 0.0, floor]], MotionCapture(noise=1e-4)
+        start, capture = [[0.0, 0.0, floor]], MotionCapture(noise=noise)
         self.fleet = SimulatedFleet(VEHICLE, 1, start=start, floor=floor, command_delay=0.028, capture=capture)
         self.link = FaultyLink(self.fleet, self._look)
         self.now = self.sank = 0.0
@@ -56,6 +56,19 @@ def test_a_goal_near_the_ground_is_reached_from_the_ground_and_from_the_air(heig
     assert flight.go(0.0, 0.4, height) < 0.02
     assert flight.go(0.0, 0.0, 0.6) < 0.02
     assert flight.go(1.0, 0.0, height) < 0.02
+
+
+@pytest.mark.parametrize("after", [0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2])
+def test_a_drone_that_lands_as_soon_as_it_has_left_the_ground_rests_where_poses_have_no_noise(after: float) -> None:
+    """As those of simulated drones: on the ground they are the same again and again."""
+    flight, modes = LowFlight(noise=0.0), set()
+    flight.pilot.set_goal(0, [0.0, 0.0, 0.6])
+    flight.let_pass(after)
+    flight.pilot.land(0)
+    for _ in range(500):
+        flight.let_pass(0.02)
+        modes.add(Mode(flight.pilot.mode[0]))
+    assert modes == {Mode.FLY, Mode.REST, Mode.IDLE}
 
 
 def test_before_it_goes_sideways_a_drone_has_left_the_ground() -> None:
