@@ -3,9 +3,9 @@
 Nothing measures it. From its last known climb rate the drone is brought to a slow sinking by a known acceleration, and
 kept there by a thrust that drag and gravity balance. What is left is the error of the thrust that was learnt: drag lets
 1 % of it be 0.1 m/s^2 over 0.4 1/s, a quarter of a metre per second. Before anything was learnt the thrust is rather
-too low than too high. One that has left the ground unseen, with a thrust that nobody knows, may have more of it than
-is known of any: its climb is braked harder, and then it gets ever less, so slowly that it sinks slowly when it begins
-to. So does one that was taken over and not seen to move, once its height should have been enough: it may have climbed.
+too low than too high, and once the drone should be down it gets ever less, so slowly that one with more thrust than is
+known sinks slowly when it begins to. One that has left the ground unseen may have climbed: it is braked harder, and
+gets less from then on, the more slowly.
 """
 
 from __future__ import annotations
@@ -23,10 +23,11 @@ _CHANGE = 1.0  # m/s^2, to come to that speed
 _LONGER, _LATER = 1.3, 1.0
 _SEEN = 3.0  # and so many times as long while poses, if there are any, show it in the air
 _DECEIVED = 1.5  # or if poses that stand still came before: its thrust and its climb are known less well
-# One that has left the ground unseen changes to sinking by this, m/s^2; then it gets so much of its weight, so much
-# less every second, and in the end so much.
+# One that has left the ground unseen changes to sinking by this, m/s^2.
 _UNSEEN_CHANGE = 2.0
-_UNSEEN, _UNSEEN_LESS, _UNSEEN_LEAST = 0.95, 0.01, 0.68  # the last is too little for 1.4 times the thrust
+# Whose thrust is not known gets so much less of its weight every second, the first if it has left the ground unseen,
+# until it gets so little: not enough to fly with 1.4 times the thrust.
+_LESS, _LEAST = (0.01, 0.03), 0.68
 
 # Whether it has left what it stood on is tried: it is pushed aside by this, m/s^2, for so long, s, and back as long.
 _ASIDE, _ASIDE_TIME = 0.3, 0.5
@@ -49,10 +50,10 @@ class BlindDescent:
         self._climb = np.zeros(count)  # m/s, at the beginning
         self._lift = np.zeros(count)  # m/s^2, disturbance that was learnt
         self._known = np.zeros(count, dtype=bool)  # the thrust was learnt
-        # it has left the ground unseen; or, it or not, it moves unseen
-        self._hopped, self._unseen = np.zeros((2, count), dtype=bool)
+        # it has left the ground unseen; or, it or not, its thrust is not known
+        self._hopped, self._unsure = np.zeros((2, count), dtype=bool)
         self._length = np.full(count, np.inf)  # s
-        self._fuller, self._longest = np.full((2, count), np.inf)  # s, of one that moves unseen, until it gets less
+        self._fuller = np.full(count, np.inf)  # s, until one whose thrust is not known gets ever less
 
     def begin(
         self,
@@ -63,7 +64,6 @@ class BlindDescent:
         lift: float | None,
         *,
         unseen: bool = False,
-        still: bool = False,
     ) -> None:
         """Let drone index be held level, and then sink, from time now, s, on.
 
@@ -75,9 +75,8 @@ class BlindDescent:
             lift: estimated vertical disturbance, m/s^2; None if neither it nor the thrust was learnt.
             unseen: it may have left the ground unseen, and has no lift that is known: height and climb rate are those
                 of a drone as it should be. Whether it is in the air is tried, see `aside`.
-            still: it has no lift that is known either, and may climb or sink though it was not seen to.
         """
-        self._hopped[index], self._unseen[index] = unseen, unseen or still
+        self._hopped[index], self._unsure[index] = unseen, unseen or lift is None
         self._began[index], self._climb[index] = now, climb
         self._known[index], self._lift[index] = lift is not None, lift or 0.0
         height = max(height, 0.0)
@@ -87,8 +86,7 @@ class BlindDescent:
             down = (1.0 - self._level) * self._gravity + 1e-3
             needed = (climb + math.sqrt(climb * climb + 2.0 * down * height)) / down
         self._length[index] = _LONGER * needed + _LATER
-        self._fuller[index] = abs(climb + SINKING) / _UNSEEN_CHANGE if unseen else self._length[index]
-        self._longest[index] = self._fuller[index] + (_UNSEEN - _UNSEEN_LEAST) / _UNSEEN_LESS
+        self._fuller[index] = abs(climb + SINKING) / _UNSEEN_CHANGE if unseen else needed
 
     def thrust(self, now: float) -> FloatArray:
         """Return the thrusts (N,), m/s^2, at time now, s."""
@@ -96,12 +94,15 @@ class BlindDescent:
         changing = now - self._began < np.abs(change) / _CHANGE
         known = self._gravity - self._lift + np.where(changing, np.sign(change) * _CHANGE, -self._drag * SINKING)
         thrust = np.where(self._known, known, self._level * self._gravity)
-        if not any_of(self._unseen):
+        if not any_of(self._unsure):
             return thrust
         since = now - self._began - self._fuller
-        less = self._gravity * np.maximum(_UNSEEN - _UNSEEN_LESS * np.maximum(since, 0.0), _UNSEEN_LEAST)
+        less = self._gravity * np.maximum(self._level - self._rate() * np.maximum(since, 0.0), _LEAST)
         slowing = np.where(self._hopped, self._gravity + np.sign(change) * _UNSEEN_CHANGE, thrust)
-        return np.where(self._unseen, np.where(since < 0.0, slowing, less), thrust)
+        return np.where(self._unsure, np.where(since < 0.0, slowing, less), thrust)
+
+    def _rate(self) -> FloatArray:
+        return np.where(self._hopped, *_LESS)
 
     def aside(self, now: float) -> FloatArray | None:
         """Return the accelerations along x, (N,) m/s^2, that show at time now, s, who is in the air; None for none."""
@@ -130,7 +131,10 @@ class BlindDescent:
         if not any_of(ended):
             return ended
         longer = np.where(deceived, _DECEIVED, np.where(aloft(), _SEEN, 1.0))
-        if not any_of(self._unseen):
+        if not any_of(self._unsure):
             return np.asarray(lasted >= longer * self._length)
-        unseen = self._unseen if immobile is None else self._unseen & ~immobile
-        return np.asarray(lasted >= np.where(unseen, self._longest, longer * self._length))
+        unsure = self._unsure if immobile is None else self._unsure & ~immobile
+        longest = self._fuller + (self._level - _LEAST) / self._rate()
+        length = longer * self._length
+        seen = np.where(self._hopped, longest, np.maximum(longest, length))  # of the first poses say nothing
+        return np.asarray(lasted >= np.where(unsure, seen, length))

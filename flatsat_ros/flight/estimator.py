@@ -110,6 +110,8 @@ class Estimator:
         if fault is not None:
             self._screen.complain(index, fault, now, *(values or (math.dist(position, mean[:3]),)))
             self.rejected[index] += 1
+            if fault is PoseRefusal.REPEATED and not self._aloft[index]:
+                self._settled[index] = False  # nobody takes off blindly
             return False
         self.newest[index], self.measured[index] = stamp, position
         self._settled[index] = self._filters[index].c11 <= _SETTLED_VELOCITY**2
@@ -128,10 +130,6 @@ class Estimator:
     def complaints(self) -> list[tuple[int, str]]:
         """Return what is to be told about poses, drone and text, once per event."""
         return self._screen.complaints()
-
-    def is_old(self, index: int) -> bool:
-        """Tell whether drone index is shown in a place where it has been seen before, again and again."""
-        return self._screen.is_old(index)
 
     def restart(self) -> None:
         """Forget all measurements and commands, as after a step of the clock."""

@@ -25,7 +25,8 @@ _LATE, _LATE_FOR = 0.15, 0.5
 _MOVES = 0.05
 # One may stand where its poses are rounded coarsely, or have repeated for the first time, s, before its flight: nobody
 # flies blindly for so long. Others that repeat since before it, or since it was in the air, for the second time, s, are
-# old ones if poses were fine before, or commands should have moved the drone so fast, m/s.
+# old ones if poses were fine before, or commands should have moved the drone so fast, m/s. Of a drone that is about to
+# take off they are old ones sooner, after the first time of `REPEATED`: it loses nothing if it waits.
 _STOOD = 1.0
 _BLIND = 0.5, 1e-3
 # an orientation in the air that has turned about the vertical by this, rad, and this rate, rad/s, and in any time by
@@ -44,7 +45,7 @@ class PoseRefusal(Enum):
     NOT_FINITE = "poses that are not finite or beyond 10 km"
     AHEAD = "pose stamps {0:.2f} s ahead of the clock: set the clocks alike"
     LOST = "poses of all zeros: motion capture has lost the drone"
-    REPEATED = "the same pose again and again in flight: motion capture has lost the drone"
+    REPEATED = "the same pose again and again: motion capture has lost the drone"
     STILL = "poses whose {0} has stood still for {1:.2f} s, at most {2:g} s while others live: motion capture lost it"
     EXCHANGED = "poses that fit another drone: the two may be exchanged"
     JUMP = "poses that jump by {0:.2f} m"
@@ -135,18 +136,17 @@ class PoseScreen:
             speed: estimated, m/s.
             aloft: see `refuse`.
         """
-        if not aloft:
-            if not (commanded and self._stillness.is_fine(index)):  # else its flight has begun
-                self._stands[index] = lasted >= _STOOD or self._stillness.is_coarse(index)
-        elif not self._stands[index]:
-            self._old[index] |= lasted >= _BLIND[0] and (speed > _BLIND[1] or self._stillness.is_fine(index))
+        fine = self._stillness.is_fine(index)
+        if aloft:
+            moved = lasted >= _BLIND[0] and (speed > _BLIND[1] or fine)
+            self._old[index] |= moved and not self._stands[index]
+        elif commanded and fine:  # its flight has begun
+            self._old[index] |= lasted >= REPEATED[0][0] and not self._stands[index]
+        else:
+            self._stands[index] = lasted >= _STOOD or self._stillness.is_coarse(index)
         if self._old[index]:
             return PoseRefusal.REPEATED, ()
         return (PoseRefusal.OLD, ()) if aloft and not self._stands[index] and speed > _MOVES else None
-
-    def is_old(self, index: int) -> bool:
-        """Tell whether the newest pose of drone index was refused because it repeats."""
-        return bool(self._old[index])
 
     def complain(self, index: int, fault: PoseRefusal, now: float, *values: float | str) -> None:
         """Remember to tell about a refused pose, with the values of its text, once per event."""
