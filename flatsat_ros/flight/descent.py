@@ -50,10 +50,10 @@ class BlindDescent:
         self._climb = np.zeros(count)  # m/s, at the beginning
         self._lift = np.zeros(count)  # m/s^2, disturbance that was learnt
         self._known = np.zeros(count, dtype=bool)  # the thrust was learnt
-        # it has left the ground unseen; or, it or not, its thrust is not known
+        # it has left the ground unseen; or, it or not, it is blind and its thrust is not known
         self._hopped, self._unsure = np.zeros((2, count), dtype=bool)
         self._length = np.full(count, np.inf)  # s
-        self._fuller = np.full(count, np.inf)  # s, until one whose thrust is not known gets ever less
+        self._fuller = np.full(count, np.inf)  # s, until one that is unsure gets ever less
 
     def begin(
         self,
@@ -64,6 +64,7 @@ class BlindDescent:
         lift: float | None,
         *,
         unseen: bool = False,
+        blind: bool = True,
     ) -> None:
         """Let drone index be held level, and then sink, from time now, s, on.
 
@@ -75,8 +76,9 @@ class BlindDescent:
             lift: estimated vertical disturbance, m/s^2; None if neither it nor the thrust was learnt.
             unseen: it may have left the ground unseen, and has no lift that is known: height and climb rate are those
                 of a drone as it should be. Whether it is in the air is tried, see `aside`.
+            blind: it has no poses.
         """
-        self._hopped[index], self._unsure[index] = unseen, unseen or lift is None
+        self._hopped[index], self._unsure[index] = unseen, unseen or (blind and lift is None)
         self._began[index], self._climb[index] = now, climb
         self._known[index], self._lift[index] = lift is not None, lift or 0.0
         height = max(height, 0.0)
@@ -135,6 +137,4 @@ class BlindDescent:
             return np.asarray(lasted >= longer * self._length)
         unsure = self._unsure if immobile is None else self._unsure & ~immobile
         longest = self._fuller + (self._level - _LEAST) / self._rate()
-        length = longer * self._length
-        seen = np.where(self._hopped, longest, np.maximum(longest, length))  # of the first poses say nothing
-        return np.asarray(lasted >= np.where(unsure, seen, length))
+        return np.asarray(lasted >= np.where(unsure, longest, longer * self._length))

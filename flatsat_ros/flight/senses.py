@@ -270,7 +270,7 @@ class Senses:
         if after is Mode.LEVEL or (after is Mode.DESCEND and before is Mode.FLY):
             self.sinking.begin(
                 index, now, estimated, float(guidance.ground[index]), self.looks.acceleration[index],
-                held=bool(footing.held[index]),
+                held=bool(footing.held[index]), blind=after is Mode.LEVEL,
                 answers=after is Mode.DESCEND and bool(self.strays.who[index]),
             )  # fmt: skip
         if after is Mode.FLY and before in AIRBORNE:

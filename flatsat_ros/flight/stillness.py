@@ -93,8 +93,10 @@ class Stillness:
     def __init__(self, count: int) -> None:
         """Begin before the first poses."""
         self._last: list[tuple[float, tuple[float, float, float]] | None] = [None] * count  # stamp, position
-        self._changes = [(0.0, 0.0, 0.0)] * count  # at the last pose one of whose coordinates repeated, m
+        # at the last pose one of whose coordinates repeated, or of one that was not known to be noisy, m
+        self._changes = [(0.0, 0.0, 0.0)] * count
         self._turned = [(False, False, False)] * count  # which turned back there
+        self._shaken = [0] * count  # how often coordinates turned back twice in succession, while not in the air
         self._repeats: list[dict[int, _Repeat]] = [{} for _ in range(count)]  # by axis
         self._finest = [_UNKNOWN] * count  # least change of a coordinate so far, m
         # what was commanded on average, m/s^2, and the stamp until which, s; of rounded poses in which one repeats
@@ -130,12 +132,20 @@ class Stillness:
                 self._finest[index] = abs(change)
             if self._repeats[index]:
                 self._repeats[index].clear()
+            if not airborne and self._shaken[index] < _TURNS:
+                self._shaken[index] += self._turns(index, (place[0] - x, place[1] - y, change))
             return None
         changes = place[0] - x, place[1] - y, change
         self._finest[index] = min([self._finest[index], *(abs(size) for size in changes if size)])
-        still = self._repeated(index, stamp, before, changes, acceleration, estimate, airborne)
-        self._changes[index] = changes
-        return still
+        return self._repeated(index, stamp, before, changes, acceleration, estimate, airborne)
+
+    def _turns(self, index: int, changes: tuple[float, float, float]) -> int:
+        """Return how many coordinates of drone index turn back by changes (3,), m, as they did at the pose before."""
+        x, y, z = self._changes[index]
+        turned = _turned(changes[0], x), _turned(changes[1], y), _turned(changes[2], z)
+        turns = sum(now and last for now, last in zip(turned, self._turned[index], strict=True))
+        self._changes[index], self._turned[index] = changes, turned
+        return turns
 
     def _repeated(
         self,
@@ -161,10 +171,7 @@ class Stillness:
         repeats, elapsed, worst = self._repeats[index], stamp - before, None
         if elapsed > _GAP:
             repeats.clear()
-        x, y, z = self._changes[index]
-        turned = _turned(changes[0], x), _turned(changes[1], y), _turned(changes[2], z)
-        turns = sum(now and last for now, last in zip(turned, self._turned[index], strict=True))
-        self._turned[index] = turned
+        turns = self._turns(index, changes)
         usual = acceleration if self.is_fine(index) else self._average(index, stamp, acceleration, airborne)
         for axis, change in enumerate(changes):
             if change:
@@ -199,6 +206,10 @@ class Stillness:
     def is_coarse(self, index: int) -> bool:
         """Tell whether the poses of drone index are seen to be rounded coarsely."""
         return _FINE < self._finest[index] < _UNKNOWN
+
+    def is_noisy(self, index: int) -> bool:
+        """Tell whether the poses of drone index are fine, and were seen to be noisy before it was in the air."""
+        return self.is_fine(index) and self._shaken[index] >= _TURNS
 
     def has_moved(self, index: int, stamp: float) -> bool:
         """Tell whether drone index, whose position repeats, should be elsewhere at a stamp, s."""

@@ -9,7 +9,7 @@ from flatsat_ros.certificate.certificate import load_certificate
 from flatsat_ros.crazyflie.fit import LINK_DELAY
 from flatsat_ros.crazyflie.vehicle import load_vehicle
 from flatsat_ros.falsification.faults.record import Record
-from flatsat_ros.flight.modes import AIRBORNE, STANDING_HEIGHT, Mode
+from flatsat_ros.flight.modes import AIRBORNE, STANDING_HEIGHT, Event, Mode
 from flatsat_ros.flight.pilot import Pilot
 from flatsat_ros.flight.policy import Policy
 from flatsat_ros.flight.tick import Tick
@@ -161,6 +161,25 @@ def test_whoever_leaves_the_ground_as_its_poses_begin_to_repeat_comes_down_witho
     assert flight.record.impact[0] <= HOPPING
     assert flight.highest <= HOP
     assert any("the same pose again" in text for text in flight.told)
+
+
+@pytest.mark.parametrize("name", ["cf21_adaptive_50hz", "cf21_50hz"])
+def test_nobody_takes_off_whose_poses_repeat_that_were_noisy_before(name: str) -> None:
+    """With 10 % more thrust it rose to 5 m, as it was not seen to."""
+    flight = Flight(name, 1.1, 0.0)
+    flight.pass_by(1.0)
+    flight.link.poses.append(repeated())
+    flight.pass_by(2.0)
+    flight.pilot.take_off(0, 1.0)
+    flight.pass_by(8.0)
+    assert flight.highest < 1e-3
+    assert flight.told[-1] == Event.TAKE_OFF_LOST.value
+    assert any("the same pose again" in text for text in flight.told)
+    flight.link.poses.clear()
+    flight.pass_by(0.5)
+    flight.pilot.take_off(0, 1.0)
+    flight.pass_by(8.0)
+    assert flight.fleet.bodies.position[0, 2] == pytest.approx(1.0, abs=0.05)
 
 
 @pytest.mark.parametrize(("thrust", "seconds"), [(1.0, 2.0), (1.1, 2.0)])
