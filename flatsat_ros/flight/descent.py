@@ -3,9 +3,9 @@
 Nothing measures it. From its last known climb rate the drone is brought to a slow sinking by a known acceleration, and
 kept there by a thrust that drag and gravity balance. What is left is the error of the thrust that was learnt: drag lets
 1 % of it be 0.1 m/s^2 over 0.4 1/s, a quarter of a metre per second. Before anything was learnt the thrust is rather
-too low than too high, and once the drone should be down it gets ever less, so slowly that one with more thrust than is
-known sinks slowly when it begins to. One that has left the ground unseen may have climbed: it is braked harder, and
-gets less from then on, the more slowly.
+too low than too high. One that has moved unseen before anything was learnt gets ever less once it should be down, so
+slowly that it sinks slowly when it begins to, with more thrust than is known, too. One that has left the ground unseen
+may have climbed: it is braked harder.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ _SEEN = 3.0  # and so many times as long while poses, if there are any, show it 
 _DECEIVED = 1.5  # or if poses that stand still came before: its thrust and its climb are known less well
 # One that has left the ground unseen changes to sinking by this, m/s^2.
 _UNSEEN_CHANGE = 2.0
-# Whose thrust is not known gets so much less of its weight every second, the first if it has left the ground unseen,
-# until it gets so little: not enough to fly with 1.4 times the thrust.
-_LESS, _LEAST = (0.01, 0.03), 0.68
+# Who has moved unseen gets so much less of its weight every second, until it gets so little: not enough to fly with 1.4
+# times the thrust.
+_LESS, _LEAST = 0.01, 0.68
 
 # Whether it has left what it stood on is tried: it is pushed aside by this, m/s^2, for so long, s, and back as long.
 _ASIDE, _ASIDE_TIME = 0.3, 0.5
@@ -50,7 +50,7 @@ class BlindDescent:
         self._climb = np.zeros(count)  # m/s, at the beginning
         self._lift = np.zeros(count)  # m/s^2, disturbance that was learnt
         self._known = np.zeros(count, dtype=bool)  # the thrust was learnt
-        # it has left the ground unseen; or, it or not, it is blind and its thrust is not known
+        # it has left the ground unseen; or, it or not, it has no lift that is known and has moved unseen
         self._hopped, self._unsure = np.zeros((2, count), dtype=bool)
         self._length = np.full(count, np.inf)  # s
         self._fuller = np.full(count, np.inf)  # s, until one that is unsure gets ever less
@@ -64,7 +64,7 @@ class BlindDescent:
         lift: float | None,
         *,
         unseen: bool = False,
-        blind: bool = True,
+        unsure: bool = False,
     ) -> None:
         """Let drone index be held level, and then sink, from time now, s, on.
 
@@ -76,9 +76,9 @@ class BlindDescent:
             lift: estimated vertical disturbance, m/s^2; None if neither it nor the thrust was learnt.
             unseen: it may have left the ground unseen, and has no lift that is known: height and climb rate are those
                 of a drone as it should be. Whether it is in the air is tried, see `aside`.
-            blind: it has no poses.
+            unsure: it has no lift that is known either, and may have moved for a while unseen.
         """
-        self._hopped[index], self._unsure[index] = unseen, unseen or (blind and lift is None)
+        self._hopped[index], self._unsure[index] = unseen, unseen or unsure
         self._began[index], self._climb[index] = now, climb
         self._known[index], self._lift[index] = lift is not None, lift or 0.0
         height = max(height, 0.0)
@@ -99,12 +99,9 @@ class BlindDescent:
         if not any_of(self._unsure):
             return thrust
         since = now - self._began - self._fuller
-        less = self._gravity * np.maximum(self._level - self._rate() * np.maximum(since, 0.0), _LEAST)
+        less = self._gravity * np.maximum(self._level - _LESS * np.maximum(since, 0.0), _LEAST)
         slowing = np.where(self._hopped, self._gravity + np.sign(change) * _UNSEEN_CHANGE, thrust)
         return np.where(self._unsure, np.where(since < 0.0, slowing, less), thrust)
-
-    def _rate(self) -> FloatArray:
-        return np.where(self._hopped, *_LESS)
 
     def aside(self, now: float) -> FloatArray | None:
         """Return the accelerations along x, (N,) m/s^2, that show at time now, s, who is in the air; None for none."""
@@ -136,5 +133,5 @@ class BlindDescent:
         if not any_of(self._unsure):
             return np.asarray(lasted >= longer * self._length)
         unsure = self._unsure if immobile is None else self._unsure & ~immobile
-        longest = self._fuller + (self._level - _LEAST) / self._rate()
+        longest = self._fuller + (self._level - _LEAST) / _LESS
         return np.asarray(lasted >= np.where(unsure, longest, longer * self._length))

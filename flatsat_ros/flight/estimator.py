@@ -131,6 +131,10 @@ class Estimator:
         """Return what is to be told about poses, drone and text, once per event."""
         return self._screen.complaints()
 
+    def is_old(self, index: int) -> bool:
+        """Tell whether drone index is shown in a place where it has been seen before, again and again."""
+        return self._screen.is_old(index)
+
     def restart(self) -> None:
         """Forget all measurements and commands, as after a step of the clock."""
         self.newest[:] = self.oriented[:] = -np.inf

@@ -150,6 +150,10 @@ class PoseScreen:
             return PoseRefusal.REPEATED, ()
         return (PoseRefusal.OLD, ()) if aloft and not self._stands[index] and speed > _MOVES else None
 
+    def is_old(self, index: int) -> bool:
+        """Tell whether the newest pose of drone index was refused because it repeats."""
+        return bool(self._old[index])
+
     def complain(self, index: int, fault: PoseRefusal, now: float, *values: float | str) -> None:
         """Remember to tell about a refused pose, with the values of its text, once per event."""
         if fault.value is not None:

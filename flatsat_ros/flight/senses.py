@@ -252,6 +252,7 @@ class Senses:
         estimated: FloatArray,
         now: float,
         guidance: Guidance,
+        repeated: bool = False,
     ) -> float | None:
         """Take note of a changed mode.
 
@@ -262,6 +263,7 @@ class Senses:
             estimated: (9,) of the drone.
             now: s.
             guidance: the ground below it.
+            repeated: its poses repeat, though it may move; they do not by default.
 
         Returns:
             The height, m, of the ground on which it is known to stand; None if nothing new is known of that.
@@ -270,7 +272,7 @@ class Senses:
         if after is Mode.LEVEL or (after is Mode.DESCEND and before is Mode.FLY):
             self.sinking.begin(
                 index, now, estimated, float(guidance.ground[index]), self.looks.acceleration[index],
-                held=bool(footing.held[index]), blind=after is Mode.LEVEL,
+                held=bool(footing.held[index]), repeated=repeated,
                 answers=after is Mode.DESCEND and bool(self.strays.who[index]),
             )  # fmt: skip
         if after is Mode.FLY and before in AIRBORNE:

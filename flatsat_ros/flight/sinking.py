@@ -98,7 +98,7 @@ class Sinking:
         acceleration: FloatArray,
         *,
         held: bool,
-        blind: bool,
+        repeated: bool,
         answers: bool,
     ) -> None:
         """Let drone index sink from now on.
@@ -110,7 +110,7 @@ class Sinking:
             ground: height of what it stood on last, m.
             acceleration: (3,) commanded at the last tick, m/s^2.
             held: it was not seen to take off.
-            blind: it has no poses.
+            repeated: its poses repeat: it may have moved since unseen.
             answers: it does not move as commanded, but somehow.
         """
         height, climb = float(estimated[2]), float(estimated[5])
@@ -130,7 +130,7 @@ class Sinking:
             height = self._lift_off.risen(index, estimated[:3])
             climb = float(np.linalg.norm(estimated[3:6]))
         ground = min(ground, self._floor)  # what it stood on may not be below it any more
-        self.descent.begin(index, now, height - ground, climb, lift, unseen=unseen, blind=blind)
+        self.descent.begin(index, now, height - ground, climb, lift, unseen=unseen, unsure=repeated and lift is None)
         known = answers and index not in self._exchange.places
         answer = self._command_check.answer(index) if known else None
         self.braking.begin(index, answer, estimated[3:5], self._command_check.under_way(acceleration))

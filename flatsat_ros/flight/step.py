@@ -179,7 +179,10 @@ class ControlStep:
         """Let the parts know of the drones that changed their mode."""
         reset = []
         for index, before, after, _ in transitions:
-            ground = self._parts.senses.enter(index, before, after, estimated[index], self.now, self._parts.guidance)
+            repeated = self._parts.estimator.is_old(index)
+            ground = self._parts.senses.enter(
+                index, before, after, estimated[index], self.now, self._parts.guidance, repeated
+            )
             if ground is not None:
                 self._parts.guidance.ground[index] = ground
             if after is Mode.FLY:

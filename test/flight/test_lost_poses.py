@@ -64,26 +64,20 @@ def test_without_poses_it_sinks_level_until_it_is_down_and_only_a_new_reference_
     world.fly(6.0 if known else 0.0)
     world.pilot.set_reference(0, Trajectory.hold([0.0, 0.0, 1.0], yaw=2.0))
     world.blind[:] = True
-    ticks, speed, down = [], 0.0, 0
-    for _ in range(80 if known else 180):
+    ticks, speed = [], 0.0
+    for _ in range(80):
         height, climb = world.x[0, [2, 5]]
         ticks += world.fly(0.1)
-        down = down if height == 0.0 else len(ticks)  # number of ticks until then
         speed = max(speed, -float(climb)) if height > 0.05 else speed
     assert modes(ticks) == [Mode.FLY, Mode.LEVEL, Mode.DESCEND, Mode.CUT]
     assert sum(tick.mode[0] == Mode.LEVEL for tick in ticks) == 5
     assert world.x[0, 2] == 0.0
     assert speed < (0.6 if known else 1.05)
-    thrusts = []
     for tick in ticks:
         if tick.mode[0] in (Mode.LEVEL, Mode.DESCEND):
             assert tick.input[0, 1:].tolist() == [0.0, 0.0]
             assert tick.yaw_rate[0] == 0.0
-            thrusts.append(float(tick.input[0, 0]))
-    if not known:  # and ever less once it should be down
-        assert min(thrusts[:down]) > 0.94 * GRAVITY
-        assert thrusts == sorted(thrusts, reverse=True)
-        assert thrusts[-1] == pytest.approx(0.68 * GRAVITY, rel=0.01)
+            assert known or tick.input[0, 0] == 0.95 * GRAVITY
     world.blind[:] = False
     assert modes(world.fly(2.0)) == [Mode.CUT]
     world.pilot.set_reference(0, Trajectory.hold([0.0, 0.0, 1.0]))
@@ -105,7 +99,7 @@ def test_one_drone_in_trouble_does_not_disturb_the_others() -> None:
     for world in (alone, both):
         world.pilot.set_reference(0, Trajectory.hold([0.5, 0.0, 1.2]))
     both.blind[1] = True
-    for a, b in zip(alone.fly(15.0), both.fly(15.0), strict=True):
+    for a, b in zip(alone.fly(5.0), both.fly(5.0), strict=True):
         np.testing.assert_allclose(a.input[0], b.input[0], rtol=1e-9, atol=1e-12)
         assert a.mode[0] == b.mode[0]
     assert both.pilot.mode.tolist() == [Mode.FLY, Mode.CUT]

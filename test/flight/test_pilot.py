@@ -38,7 +38,7 @@ def test_whatever_is_told_of_a_drone_is_counted_in_the_telemetry_of_its_tick() -
     world.pilot.set_reference(0, Trajectory.hold([0.0, 0.0, 1.0]))
     ticks += world.fly(6.0)
     world.blind[:] = True
-    ticks += world.fly(17.0)
+    ticks += world.fly(8.0)
     counted = [telemetry.rows(tick)[:, telemetry.FIELDS.index("events")].tolist() for tick in ticks]
     assert counted == [[float(len(tick.transitions) + len(tick.reports))] for tick in ticks]
     assert sum(events for (events,) in counted) >= 5.0

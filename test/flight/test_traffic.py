@@ -336,7 +336,6 @@ def test_robots_that_others_fly_count_where_they_are_seen() -> None:
 
 def test_nobody_is_sent_to_or_through_where_a_drone_in_the_air_was_seen_last() -> None:
     world = hovering([[0.0, 0.0, 1.0], [1.5, 0.0, 1.0], [3.0, 0.0, 1.0]])
-    world.fly(5.0)  # until the thrusts are known
     world.unseen = {0}
     world.fly(0.5)
     assert world.pilot.mode[0] == Mode.LEVEL

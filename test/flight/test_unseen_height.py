@@ -155,7 +155,7 @@ def test_whoever_leaves_the_ground_as_its_poses_begin_to_repeat_comes_down_witho
     flight.pilot.take_off(0, 1.0)
     flight.pass_by(told_since)
     flight.link.poses.append(repeated())
-    flight.pass_by(15.0)
+    flight.pass_by(33.0)
     assert flight.fleet.bodies.grounded.all()
     assert max([0.0, *flight.stopped]) < STANDING_HEIGHT  # as if it had not left the ground
     assert flight.record.impact[0] <= HOPPING

@@ -178,8 +178,11 @@ POSE_FAULTS = (
         _for(1.0, lambda _: faults.repeated()),
         Criteria(End.SAFE),
     ),
-    _lasting(
-        "poses_repeated", "the last pose again and again, with fresh stamps", lambda _: faults.repeated(), _DOWN
+    replace(
+        _lasting(
+            "poses_repeated", "the last pose again and again, with fresh stamps", lambda _: faults.repeated(), _DOWN
+        ),
+        watched=36.0,  # soon after a take-off motors run on for a while when it is down
     ),
     _still("poses_x_frozen", "x stays as it is, y and z live", lambda _: faults.frozen(0)),
     _still("poses_y_frozen", "y stays as it is, x and z live", lambda _: faults.frozen(1)),
