@@ -37,6 +37,9 @@ _ABOVE_NO_MORE = 0.02
 _TOUCHES = 0.05
 # a drone that is seen so far, m, below the ground on which it stood has left that
 _LEFT = 0.05
+# one whose reference sinks below this, m above the ground, brakes as hard as may be: to the limits of a flight
+# certificate it would come to rest below the ground
+_BRAKES_FROM = 0.4
 # a drone hangs below its reference from this error on, m, until it is below the second
 _HANGS = 0.10
 _HANGS_NO_MORE = 0.05
@@ -168,10 +171,19 @@ class Guidance:
         landing = goal is None
         return self._path(index, motion, self._below(index, motion) if goal is None else goal, now, landing=landing)
 
-    def brake(self, index: int, now: float) -> None:
-        """Let the reference of drone index come to rest as soon as it can, and stay there."""
+    def brake(self, index: int, now: float) -> bool:
+        """Let the reference of drone index come to rest as soon as it can, and stay there.
+
+        Returns:
+            Whether that is in the air; it lands where the ground would carry it.
+        """
         self.stop(index)
         self.replan(index, now)
+        goal = self.goal(index)
+        if goal is None or goal[2] - self.ground[index] >= _TOUCHES:
+            return True
+        self.land(index, now)
+        return False
 
     def stop(self, index: int) -> None:
         """Let drone index stay where its flight begins."""
@@ -241,7 +253,17 @@ class Guidance:
     def replan(self, index: int, now: float) -> None:
         """Lead the reference of drone index from its present motion to its goal."""
         if self._goals[index] is not None:
-            self._plan(index, self.references.motion(index, now), now)
+            motion = self.references.motion(index, now)
+            low = motion[0, 2] - self.ground[index] < _BRAKES_FROM
+            self._plan(index, motion, now, urgent=bool(low and motion[1, 2] < 0.0))
+
+    def is_down(self, index: int, state: FloatArray, now: float) -> bool:
+        """Tell whether drone index, with a state (6,), m, m/s, and its reference are where the ground may carry it.
+
+        References are led there by landings alone.
+        """
+        height = max(float(state[2]), float(self.references.motion(index, now)[0, 2]))
+        return height - float(self.ground[index]) < _TOUCHES
 
     def outside(self, state: FloatArray) -> list[tuple[int, str]]:
         """Return which drones that do not land have left the box, and by which side.

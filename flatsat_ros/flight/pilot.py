@@ -183,7 +183,7 @@ class Pilot:
             self.clearance.require(index)
 
     def hold(self, index: int) -> None:
-        """Let drone index brake and stay where it comes to rest.
+        """Let drone index brake and stay where it comes to rest; where the ground would carry it then, it lands.
 
         Raises:
             FlatsatError: it does not fly, or lands because its battery is empty.
@@ -192,7 +192,8 @@ class Pilot:
         self._require_clear(index)
         self.traffic.withdraw(index)
         self.orders[index] += 1
-        self._parts.guidance.brake(index, self._step.now)
+        if not self._parts.guidance.brake(index, self._step.now):
+            self._step.reports.append(Report(index, "it is told to hold where the ground would carry it: it lands"))
 
     def arm(self, index: int, armed: bool) -> None:
         """Allow drone index to take off, or forbid it; all are armed at first.

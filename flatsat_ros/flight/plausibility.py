@@ -26,8 +26,8 @@ _MOVES = 0.05
 # One may stand where its poses are rounded coarsely, or have repeated for the first time, s, before its flight, unless
 # they were noisy before: nobody flies blindly for so long. Others that repeat since before it, or since it was in the
 # air, for the second time, s, are old ones if poses were fine before, or commands should have moved the drone so fast,
-# m/s. Of a drone that is about to take off they are old ones sooner, after the first time of `REPEATED`: it loses
-# nothing if it waits.
+# m/s. Of a drone that is about to take off those that were noisy are old ones sooner, after the first time of
+# `REPEATED`: it loses nothing if it waits.
 _STOOD = 1.0
 _BLIND = 0.5, 1e-3
 # an orientation in the air that has turned about the vertical by this, rad, and this rate, rad/s, and in any time by
@@ -142,7 +142,7 @@ class PoseScreen:
             moved = lasted >= _BLIND[0] and (speed > _BLIND[1] or fine)
             self._old[index] |= moved and not self._stands[index]
         elif commanded and fine:  # its flight has begun
-            self._old[index] |= lasted >= REPEATED[0][0] and not self._stands[index]
+            self._old[index] |= lasted >= REPEATED[0][0] and self._stillness.is_noisy(index)
         else:
             stood = lasted >= _STOOD and not self._stillness.is_noisy(index)
             self._stands[index] = stood or self._stillness.is_coarse(index)

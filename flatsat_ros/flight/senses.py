@@ -244,6 +244,11 @@ class Senses:
         """Whether the detectors look at the tick that comes."""
         return self._sight is None or self.looks.looked
 
+    def stand(self, index: int, place: FloatArray) -> None:
+        """Take drone index, which is steered, for one that stands at a place (3,), m, and is about to take off."""
+        self._sight = None
+        self.footing.begin(index, place, unlocked=True)
+
     def enter(
         self,
         index: int,

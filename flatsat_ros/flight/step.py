@@ -56,7 +56,13 @@ class ControlStep:
         parts = self._parts
         parts.supervisor.request(index, patient=patient)
         parts.steering.note_reference(index)
-        if parts.supervisor.flying[index]:
+        if not parts.supervisor.flying[index]:
+            return
+        if parts.guidance.is_down(index, self.state[index], self.now) and not parts.senses.footing.standing[index]:
+            parts.senses.stand(index, self.state[index, :3])
+            parts.steering.reset(index)
+            parts.guidance.start(index, self.state[index], self.now)
+        else:
             parts.guidance.replan(index, self.now)
 
     def tick(self, now: float) -> Tick:

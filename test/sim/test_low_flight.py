@@ -71,6 +71,46 @@ def test_a_drone_that_lands_as_soon_as_it_has_left_the_ground_rests_where_poses_
     assert modes == {Mode.FLY, Mode.REST, Mode.IDLE}
 
 
+@pytest.mark.parametrize("after", [0.0, 0.1, 0.3, 0.7])
+@pytest.mark.parametrize(("floor", "noise"), [(0.0, 0.0), (0.0, 1e-4), (0.7, 1e-4)])
+def test_a_goal_for_a_drone_that_is_touching_down_is_flown_to(floor: float, noise: float, after: float) -> None:
+    """Nobody falls from there, but it lay on the floor, pressed down by the end of its landing, until it had FALLEN."""
+    flight = LowFlight(floor, noise)
+    assert flight.go(0.0, 0.0, floor + 0.5) < 0.02
+    flight.pilot.land(0)
+    while not flight.fleet.bodies.grounded[0]:
+        flight.let_pass(0.02)
+    flight.let_pass(after)
+    assert flight.pilot.mode[0] == Mode.FLY
+    assert flight.go(0.3, 0.0, floor + 0.6) < 0.02
+    assert flight.pilot.mode[0] == Mode.FLY
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-4])
+@pytest.mark.parametrize("height", [0.12, 0.0])
+def test_a_drone_that_is_told_to_hold_as_it_touches_down_lands(height: float, noise: float) -> None:
+    """It stayed in FLY on the floor, its motors on."""
+    flight = LowFlight(noise=noise)
+    assert flight.go(0.0, 0.0, 0.5) < 0.02
+    flight.pilot.land(0)
+    while flight.fleet.bodies.position[0, 2] > height:
+        flight.let_pass(0.02)
+    flight.pilot.hold(0)
+    flight.let_pass(8.0)
+    assert flight.pilot.mode[0] == Mode.IDLE
+
+
+@pytest.mark.parametrize("height", [0.12, 0.25])
+def test_a_goal_for_a_drone_that_is_about_to_land_is_flown_to_without_noise_too(height: float) -> None:
+    """Its reference sank on to 0.2 m below the floor: the drone lay there, its poses repeated, and it was cut."""
+    flight = LowFlight(noise=0.0)
+    assert flight.go(0.0, 0.0, 0.5) < 0.02
+    flight.pilot.land(0)
+    while flight.fleet.bodies.position[0, 2] > height:
+        flight.let_pass(0.02)
+    assert flight.go(0.3, 0.0, 0.6) < 0.02
+
+
 def test_before_it_goes_sideways_a_drone_has_left_the_ground() -> None:
     flight, went = LowFlight(), []
     flight.pilot.set_goal(0, [1.0, 0.0, 0.12])
