@@ -17,6 +17,7 @@ from types import ModuleType
 from typing import get_origin
 
 import pytest
+from source_tree import parsed
 
 import flatsat_ros
 from flatsat_ros import (
@@ -83,7 +84,7 @@ def test_the_type_checker_and_the_interpreter_read_the_same_names(name: str) -> 
     room = importlib.import_module(name)
     imports = {
         alias.name: importlib.import_module(str(node.module))
-        for block in ast.walk(ast.parse(inspect.getsource(room)))
+        for block in ast.walk(parsed(inspect.getsource(room)))
         if isinstance(block, ast.If)
         for node in block.body
         if isinstance(node, ast.ImportFrom)
@@ -190,7 +191,7 @@ def refuses(function: Callable[..., object]) -> bool:
     """Whether a function raises an error, or calls what refuses, by the names of `base.errors` and `base.arrays`."""
     if function.__code__.co_filename == "<string>":  # type: ignore[attr-defined]  # made by dataclass
         return False
-    for node in ast.walk(ast.parse(textwrap.dedent(inspect.getsource(function)))):
+    for node in ast.walk(parsed(textwrap.dedent(inspect.getsource(function)))):
         called = ast.unparse(node.func).rpartition(".")[2] if isinstance(node, ast.Call) else ""
         if called in ("finite_array", "float_array") or called.startswith("require"):
             return True

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import yaml
+from source_tree import parsed
 
 GATE = ["make lint", "make docs", "make test"]
 
@@ -50,7 +51,7 @@ def test_lint_checks_style_format_and_the_types_of_the_whole_package(root: Path)
 def test_no_test_imports_the_benchmark(root: Path) -> None:
     bench = {file.stem for file in (root / "bench").glob("*.py")}
     for file in (root / "test").rglob("*.py"):
-        nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+        nodes = list(ast.walk(parsed(file.read_text(encoding="utf-8"))))
         imported = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
         imported |= {str(node.module) for node in nodes if isinstance(node, ast.ImportFrom)}
         assert not bench & {name.partition(".")[0] for name in imported}, file

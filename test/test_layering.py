@@ -11,6 +11,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from source_tree import parsed
 
 import flatsat_ros
 
@@ -89,7 +90,7 @@ def imports_of(file: Path, module: str) -> Iterator[Import]:
         for child in ast.iter_child_nodes(node):
             yield from walk(child, lazy)
 
-    yield from walk(ast.parse(file.read_text(encoding="utf-8")), lazy=False)
+    yield from walk(parsed(file.read_text(encoding="utf-8")), lazy=False)
 
 
 def _for_types_only(node: ast.AST) -> bool:

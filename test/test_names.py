@@ -7,6 +7,7 @@ from collections import defaultdict
 from pathlib import Path
 
 import pytest
+from source_tree import parsed
 
 PACKAGE = Path(__file__).parents[1] / "flatsat_ros"
 # What several rooms do in the same sense, each with its own thing.
@@ -18,7 +19,7 @@ def several(package: Path) -> dict[str, list[str]]:
     """The classes and the functions for others that more than one module defines, with these modules."""
     places: dict[str, list[str]] = defaultdict(list)
     for path in sorted(package.rglob("*.py")):
-        for node in ast.parse(path.read_text()).body:
+        for node in parsed(path.read_text()).body:
             if isinstance(node, ast.ClassDef) or (isinstance(node, ast.FunctionDef) and node.name[0] != "_"):
                 places[node.name].append(str(path.relative_to(package)))
     return {name: modules for name, modules in places.items() if len(modules) > 1}

@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from source_tree import parsed
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "flatsat_ros"
@@ -97,7 +98,7 @@ def members(file: Path) -> dict[str, set[str]]:
                 case ast.ImportFrom(names=aliases):
                     yield from ((alias.asname or alias.name, []) for alias in aliases)
 
-    tree = ast.parse(file.read_text(encoding="utf-8"))
+    tree = parsed(file.read_text(encoding="utf-8"))
     return {name: {inner for inner, _ in defined(body)} for name, body in defined(tree.body)}
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from source_tree import parsed
 
 ROOT = Path(__file__).parents[1]
 # Where a name may be used; setup.py and launch/ name programs, bench/ measures.
@@ -40,11 +41,11 @@ def unreached(package: Path, users: list[Path]) -> list[str]:
     """What is defined in a folder and used nowhere, as `file:line: name`."""
     found = set(OVERRIDES)
     for file in users:
-        found.update(used(ast.parse(file.read_text(encoding="utf-8"))))
+        found.update(used(parsed(file.read_text(encoding="utf-8"))))
     return [
         f"{file.relative_to(package)}:{line}: {name}"
         for file in sorted(package.rglob("*.py"))
-        for line, name in defined(ast.parse(file.read_text(encoding="utf-8")))
+        for line, name in defined(parsed(file.read_text(encoding="utf-8")))
         if name not in found
     ]
 

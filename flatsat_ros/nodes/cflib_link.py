@@ -297,7 +297,7 @@ class Link:
 
     def _on_supervisor(self, packet: CRTPPacket) -> None:
         """Tell of a request to arm that was refused: none to disarm ever is."""
-        if bytes(packet.data[:2]) == bytes([_ARMING_ANSWERED, False]):
+        if packet.datal[:2] == [_ARMING_ANSWERED, False]:
             self._tell("the drone refuses to arm")
 
     def _on_console(self, text: str) -> None:

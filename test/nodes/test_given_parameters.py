@@ -99,11 +99,16 @@ def test_a_misspelt_name_is_refused_with_the_nearest(
 
 @NEEDS_CFLIB
 @pytest.mark.parametrize(
-    ("wrong", "taken", "text"),
-    [({"link_time_out": 1.0}, (), "not known here"), ({}, (19750,), "is taken by another cflib_bridge")],
+    ("wrong", "first", "taken", "text"),
+    [({"link_time_out": 1.0}, 19750, (), "not known here"), ({}, 19752, (19752,), "is taken by another cflib_bridge")],
 )
 def test_a_bridge_that_is_refused_leaves_its_drones_to_others(
-    wrong: dict[str, object], taken: tuple[int, ...], text: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    wrong: dict[str, object],
+    first: int,
+    taken: tuple[int, ...],
+    text: str,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
 
@@ -113,7 +118,7 @@ def test_a_bridge_that_is_refused_leaves_its_drones_to_others(
         return claim
 
     others = [take(port) for port in taken]
-    uris = "['udp://127.0.0.1:19751', 'udp://127.0.0.1:19750']"
+    uris = f"['udp://127.0.0.1:{first + 1}', 'udp://127.0.0.1:{first}']"
     rclpy.init(args=given(robot_names="[a, b]", uris=uris, **wrong))
     try:
         with pytest.raises(FlatsatError) as refused:
@@ -122,7 +127,7 @@ def test_a_bridge_that_is_refused_leaves_its_drones_to_others(
         rclpy.shutdown()
     for other in others:
         other.close()
-    for port in (19750, 19751):  # `refused` keeps whatever the bridge had made
+    for port in (first, first + 1):  # `refused` keeps whatever the bridge had made
         take(port).close()
     assert text in str(refused.value)
 

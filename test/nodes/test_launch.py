@@ -15,6 +15,7 @@ import pytest
 import rclpy
 import yaml
 from rclpy.node import Node
+from source_tree import parsed
 
 from flatsat_ros.crazyflie.link import ZERO_TIME
 from flatsat_ros.nodes.cflib_bridge import CflibBridge
@@ -31,7 +32,7 @@ GIVEN = {"crazyflies_yaml", "backend"}  # by crazyswarm2.launch.py, from its own
 
 def started(file: Path) -> list[dict[str, ast.expr]]:
     """The keyword arguments of every Node(...) in a launch file."""
-    calls = [node for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))) if isinstance(node, ast.Call)]
+    calls = [node for node in ast.walk(parsed(file.read_text(encoding="utf-8"))) if isinstance(node, ast.Call)]
     nodes = [call for call in calls if isinstance(call.func, ast.Name) and call.func.id == "Node"]
     return [{str(keyword.arg): keyword.value for keyword in call.keywords} for call in nodes]
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from source_tree import parsed
 from std_srvs.srv import SetBool, Trigger
 
 import flatsat_ros
@@ -64,7 +65,7 @@ def fields() -> set[str]:
 
 def touched(source: str, fields: set[str]) -> Iterator[str]:
     """Every access to a field of a message in a source text, with its line; a method that is called is none."""
-    tree = ast.parse(source)
+    tree = parsed(source)
     called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute) and node.attr in fields and id(node) not in called:
