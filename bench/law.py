@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from itertools import cycle, islice
 from time import process_time
@@ -31,6 +32,8 @@ _STEPS, _TICKS, _SOLVED = 100, 20, 20
 _TOLERANCE = 1e-6
 _TOLERANCE_OSQP = 1e-5
 _ROUNDING = 1e-12
+# poses without noise are those of drones that stand, s; those that begin to repeat in flight are refused
+_STANDS = 1.2
 
 Saturation = Callable[[slice], FloatArray]
 
@@ -130,6 +133,8 @@ class Flight:
         # a metre apart: drones that come nearer are kept apart
         self._positions = [(float(i % 32 - 16), float(i // 32 - 16), 1.0) for i in range(size)]
         self._calls = max(1, _TICKS * 50 // (50 + size))
+        for _ in range(math.ceil(_STANDS / self._period)):
+            self._tick()
         for index, (x, y, z) in enumerate(self._positions):
             self._pilot.set_reference(index, Trajectory.hold([x + 0.5, y, z]))
         for _ in range(20):

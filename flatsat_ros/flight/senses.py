@@ -25,10 +25,6 @@ from flatsat_ros.flight.supervisor import Sight
 from flatsat_ros.flight.thrust import ThrustScale
 from flatsat_ros.flight.unmoved import DOUBTFUL, STILL, UnmovedDetector
 
-# Who is seen to leave its place is in the air at so many looks, though it lands: before they are over it does not come
-# down, nor are its poses taken for old ones there.
-_LEAVING = 2
-
 _UNMOVED = "poses whose z stays within {0:g} m, while commands should have changed it by {1:.2f} m: are they its own?"
 _EXCHANGED = "it moves as another drone is commanded: their poses may be exchanged"
 
@@ -63,7 +59,7 @@ class Senses:
         self.strays = Strays(count)
         # steered in the air, away from the ground; or near it, and not about to stand on it
         self._free, self._risen = np.zeros((2, count), dtype=bool)
-        self._leaving = np.zeros(count, dtype=int)  # looks left, see `_LEAVING`
+        self._stood = (np.zeros(count, dtype=bool),) * 2  # who stood at the last look, and at the one before
 
     def set_clock_back(self, now: float) -> None:
         """Let nothing last longer because the clock was set back to now, s."""
@@ -199,8 +195,12 @@ class Senses:
         strays.tell(check.reports())
         strays.add(astray)
         self.sinking.learn(period, disturbance[:, 2], high & certain)
-        self._leaving = np.where(standing, _LEAVING, self._leaving - 1)
-        self._risen = free | (flying & ~standing & (~landing | (self._leaving >= 0)))
+        (stood, earlier), self._stood = self._stood, (standing, self._stood[0])
+        if any_of(landing):
+            # who has just left its place is in the air though it lands: neither does it come down at once, nor are its
+            # poses taken for old ones there
+            landing = landing & ~(stood | earlier)
+        self._risen = free | (flying & ~standing & ~landing)
         return self._risen
 
     def take_turns(self) -> FloatArray:
