@@ -258,10 +258,7 @@ class Guidance:
             self._plan(index, motion, now, urgent=bool(low and motion[1, 2] < 0.0))
 
     def is_down(self, index: int, state: FloatArray, now: float) -> bool:
-        """Tell whether drone index, with a state (6,), m, m/s, and its reference are where the ground may carry it.
-
-        References are led there by landings alone.
-        """
+        """Tell whether drone index, with a state (6,), m, m/s, and its reference are where the ground may carry it."""
         height = max(float(state[2]), float(self.references.motion(index, now)[0, 2]))
         return height - float(self.ground[index]) < _TOUCHES
 

@@ -92,10 +92,11 @@ class Pilot:
             self.set_reference(index, Trajectory.hold(position, yaw))
             return
         self._require_clear(index)
+        landed = bool(self._parts.guidance.landing[index])
         begins = self.traffic.admit_goal(index, position, float(finite_array("yaw", yaw)))
         self.orders[index] += 1
         if begins:
-            self._step.begin(index, patient=True)
+            self._step.begin(index, patient=True, landed=landed)
 
     def set_reference(self, index: int, trajectory: Trajectory) -> None:
         """Give drone index a trajectory; it takes off if it rests, and no longer lands.
@@ -111,9 +112,10 @@ class Pilot:
             return
         if path_mode and self.mode[index] == Mode.FLY:
             self._parts.guidance.require_near(index, trajectory, self._step.now)
+        landed = bool(self._parts.guidance.landing[index])
         self.traffic.admit_trajectory(index, trajectory)
         self.orders[index] += 1
-        self._step.begin(index, patient=True)
+        self._step.begin(index, patient=True, landed=landed)
 
     def set_planned(self, index: int, trajectory: Trajectory) -> None:
         """Give drone index, which flies, its part of a plan: a trajectory.

@@ -51,14 +51,20 @@ class ControlStep:
         self.reports: list[Report] = []
         self._full = np.zeros(count, dtype=bool)  # thrust at its limit
 
-    def begin(self, index: int, *, patient: bool) -> None:
-        """Let a new reference of drone index be flown; patient for one that waits for poses that are lost."""
+    def begin(self, index: int, *, patient: bool, landed: bool = False) -> None:
+        """Let a new reference of drone index be flown.
+
+        Args:
+            index: which drone.
+            patient: it waits for poses that are lost.
+            landed: the drone was landing until now, and the ground may carry it.
+        """
         parts = self._parts
         parts.supervisor.request(index, patient=patient)
         parts.steering.note_reference(index)
         if not parts.supervisor.flying[index]:
             return
-        if parts.guidance.is_down(index, self.state[index], self.now) and not parts.senses.footing.standing[index]:
+        if landed and parts.guidance.is_down(index, self.state[index], self.now):
             parts.senses.stand(index, self.state[index, :3])
             parts.steering.reset(index)
             parts.guidance.start(index, self.state[index], self.now)

@@ -131,6 +131,20 @@ def test_a_drone_that_has_left_its_table_flies_as_low_as_it_is_told_beside_it() 
     assert flight.go(0.4, 0.8, 0.6) < 0.02
 
 
+def test_a_drone_that_flies_beside_its_table_as_low_as_that_is_not_taken_for_one_that_stands() -> None:
+    """Its motors would be stopped as soon as its poses are lost."""
+    flight = LowFlight(floor=0.75)
+    assert flight.go(0.0, 0.0, 1.2) < 0.02
+    flight.go(1.0, 0.0, 1.0)
+    flight.fleet.bodies.floor = 0.0
+    assert flight.go(1.0, 0.8, 1.0) < 0.02
+    assert flight.go(1.0, 0.8, 0.78) < 0.02
+    flight.pilot.set_goal(0, [0.4, 0.8, 0.78])
+    flight.link.poses.append(lost)
+    flight.let_pass(0.7)
+    assert flight.pilot.mode[0] == Mode.LEVEL
+
+
 def test_a_drone_that_has_left_its_table_sinks_without_poses_to_the_floor() -> None:
     flight = LowFlight(floor=1.5)
     assert flight.go(0.0, 0.0, 1.8) < 0.02
